@@ -1,0 +1,23 @@
+"""The shared types. Importing this package does not import JAX."""
+
+from roadstate.core.channels import CHANNELS, WHEELS, Channel, channel
+from roadstate.core.errors import InputError
+from roadstate.core.estimates import QUANTITIES, REFERENCE_OF, Estimates, Validity
+from roadstate.core.log import Log
+from roadstate.core.signals import Recording, Signal, join
+
+__all__ = [
+    "CHANNELS",
+    "QUANTITIES",
+    "REFERENCE_OF",
+    "WHEELS",
+    "Channel",
+    "Estimates",
+    "InputError",
+    "Log",
+    "Recording",
+    "Signal",
+    "Validity",
+    "channel",
+    "join",
+]

@@ -1,0 +1,25 @@
+"""The one exception for what a user handed in and can mend."""
+
+from __future__ import annotations
+
+
+class InputError(ValueError):
+    """Unusable input: says what is wrong, where, and what to do, in one line.
+
+    The command line prints it as it is and exits with status 2; library users catch it like any
+    ``ValueError``.
+
+    Args:
+        what: what is wrong.
+        where: the file, channel and row (or time) at fault.
+        mend: what the reader can do about it.
+    """
+
+    def __init__(self, what: str, *, where: str | None = None, mend: str | None = None) -> None:
+        self.what = what
+        self.where = where
+        self.mend = mend
+        text = f"{where}: {what}" if where else what
+        if mend:
+            text = f"{text}; {mend}"
+        super().__init__(" ".join(text.split()))

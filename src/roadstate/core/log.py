@@ -1,0 +1,135 @@
+"""A log: canonical channels in SI units on one time base."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from roadstate.core import tabular
+from roadstate.core.channels import CHANNELS, channel
+from roadstate.core.errors import InputError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Log:
+    """Canonical channels on one time base; NaN means missing.
+
+    Attributes:
+        time: (T,) in s, strictly increasing; the step may vary.
+        channels: name → (T,) values in the channel's SI unit.
+        metadata: vehicle, source files, frame; must be JSON-able.
+
+    Raises:
+        InputError: a name that is not canonical, a shape that differs, or time that does not increase.
+    """
+
+    time: Array
+    channels: Mapping[str, Array]
+    metadata: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.time.ndim != 1 or len(self.time) == 0:
+            raise InputError("a log needs at least one sample")
+        if not np.isfinite(self.time).all() or not (np.diff(self.time) > 0).all():
+            row = int(np.argmax(~(np.diff(self.time, prepend=-np.inf) > 0)))
+            raise InputError(
+                f"time does not increase at row {row}", mend="sort the log and drop repeated rows"
+            )
+        for name, values in self.channels.items():
+            channel(name)
+            if values.shape != self.time.shape:
+                raise InputError(f"{name} has shape {values.shape}, time has {self.time.shape}")
+
+    def __getitem__(self, name: str) -> Array:
+        return self.time if name == "time" else self.channels[name]
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.channels
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    @property
+    def references(self) -> dict[str, Array]:
+        """The channels that carry truth (``ref_*``)."""
+        return {n: v for n, v in self.channels.items() if CHANNELS[n].is_reference}
+
+    @property
+    def available(self) -> frozenset[str]:
+        """Channels with at least one sample."""
+        return frozenset(n for n, v in self.channels.items() if np.isfinite(v).any())
+
+    @property
+    def duration(self) -> float:
+        """Seconds from first to last sample."""
+        return float(self.time[-1] - self.time[0])
+
+    def select(self, names: Iterable[str]) -> Log:
+        """The same log with only the channels of ``names`` that it has."""
+        wanted = set(names)
+        return Log(self.time, {n: v for n, v in self.channels.items() if n in wanted}, self.metadata)
+
+    def between(self, start: float, stop: float) -> Log:
+        """The samples with ``start <= time < stop`` (seconds).
+
+        Raises:
+            InputError: none lies there.
+        """
+        keep = (self.time >= start) & (self.time < stop)
+        return Log(self.time[keep], {n: v[keep] for n, v in self.channels.items()}, self.metadata)
+
+    def with_channels(self, channels: Mapping[str, Array]) -> Log:
+        """The same log with channels added or replaced."""
+        return Log(self.time, {**self.channels, **channels}, self.metadata)
+
+    def to_pandas(self) -> pd.DataFrame:
+        """A data frame indexed by ``time [s]`` with columns ``name [unit]``; metadata in ``attrs``."""
+        return tabular.to_pandas(self._columns(), self.metadata)
+
+    @classmethod
+    def from_pandas(cls, frame: pd.DataFrame) -> Log:
+        """Read what :meth:`to_pandas` wrote, or any frame whose columns are canonical ``name [unit]``.
+
+        Raises:
+            InputError: no time, an unknown name, or a unit that does not fit.
+        """
+        columns, metadata = tabular.from_pandas(frame)
+        return cls._from_columns(columns, metadata, "data frame")
+
+    def to_parquet(self, path: str | Path) -> Path:
+        """Write a Parquet file with the unit of each column in its field metadata."""
+        return tabular.to_parquet(path, self._columns(), self.metadata)
+
+    @classmethod
+    def from_parquet(cls, path: str | Path) -> Log:
+        """Read what :meth:`to_parquet` wrote.
+
+        Raises:
+            InputError: not a Parquet file, no time, an unknown name, or a unit that does not fit.
+        """
+        columns, metadata = tabular.from_parquet(path)
+        return cls._from_columns(columns, metadata, str(path))
+
+    def _columns(self) -> dict[str, tabular.Column]:
+        columns = {"time": tabular.Column(self.time, "s")}
+        columns |= {n: tabular.Column(v, CHANNELS[n].unit) for n, v in self.channels.items()}
+        return columns
+
+    @classmethod
+    def _from_columns(
+        cls, columns: Mapping[str, tabular.Column], metadata: Mapping[str, Any], where: str
+    ) -> Log:
+        if "time" not in columns:
+            raise InputError("no 'time [s]' column", where=where, mend="add one, in seconds")
+        values = {n: tabular.in_unit(n, c, channel(n).unit, where) for n, c in columns.items()}
+        return cls(values.pop("time"), values, metadata)

@@ -1,0 +1,255 @@
+"""A recording as read: every signal on the time base it came with."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from roadstate.core.channels import CHANNELS
+from roadstate.core.errors import InputError
+from roadstate.core.log import Log
+
+Array = NDArray[np.float64]
+_MAX_RATE = 100.0  # Hz; what a vehicle-dynamics estimator needs, and no more
+
+
+@dataclass(frozen=True)
+class Signal:
+    """One signal on its own time base.
+
+    Attributes:
+        time: (N,) seconds since the recording's start, strictly increasing, finite.
+        values: (N,) in ``unit``; NaN where the source marked the sample invalid.
+        unit: unit text as the source gave it; ``None`` where it gave none.
+        source: where it came from, for messages (``drive.csv:speed``).
+        message: the bus message that carried it, where there was one.
+        bus: the bus channel, where there was one.
+    """
+
+    time: Array
+    values: Array
+    unit: str | None = None
+    source: str = ""
+    message: str | None = None
+    bus: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.time.shape != self.values.shape or self.time.ndim != 1:
+            raise ValueError(f"time {self.time.shape} and values {self.values.shape} must be equal (N,)")
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    @property
+    def rate(self) -> float:
+        """Median sampling rate in Hz; 0 with fewer than two samples."""
+        return 0.0 if len(self) < 2 else float(1.0 / np.median(np.diff(self.time)))
+
+    def check_time(self) -> None:
+        """Refuse a time base that runs backward, repeats or is not finite.
+
+        Raises:
+            InputError: names the first offending row.
+        """
+        bad = ~np.isfinite(self.time)
+        if bad.any():
+            row = int(np.argmax(bad))
+            raise InputError(f"time is not a number at row {row}", where=self.source, mend=_REPAIR)
+        step = np.diff(self.time)
+        if (step > 0).all():
+            return
+        row = int(np.argmax(step <= 0)) + 1
+        kind = "repeats" if step[row - 1] == 0 else "runs backward"
+        count = int((step <= 0).sum())
+        raise InputError(
+            f"time {kind} at row {row} ({self.time[row - 1]:.6g} s, then {self.time[row]:.6g} s; "
+            f"{count} such rows)",
+            where=self.source,
+            mend=_REPAIR,
+        )
+
+    def repaired(self) -> Signal:
+        """The signal without the samples whose time is not finite or not after the one before."""
+        keep = np.isfinite(self.time)
+        time = self.time[keep]
+        ahead = np.ones(len(time), dtype=bool)
+        ahead[1:] = time[1:] > np.maximum.accumulate(time)[:-1]
+        return replace(self, time=time[ahead], values=self.values[keep][ahead])
+
+
+_REPAIR = "sort the log, or set 'time: {repair: drop}' in the mapping to leave such samples out"
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Signals by name, each on its own time base, as a file holds them.
+
+    Attributes:
+        signals: by name: the source's names as read, canonical ones after a mapping.
+        metadata: what is known of the source (``files``, ``start_time`` as ISO text, ``format``).
+    """
+
+    signals: Mapping[str, Signal]
+    metadata: Mapping[str, Any] = field(default_factory=dict)
+
+    def __getitem__(self, name: str) -> Signal:
+        return self.signals[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.signals)
+
+    def __len__(self) -> int:
+        return len(self.signals)
+
+    @property
+    def is_common_base(self) -> bool:
+        """Whether all signals share one time base (as a CSV's columns do)."""
+        bases = [s.time for s in self.signals.values()]
+        return all(b is bases[0] or np.array_equal(b, bases[0]) for b in bases[1:])
+
+    def resample(self, rate: float | None = None) -> Log:
+        """Bring canonical signals onto one time base.
+
+        With ``rate=None``, signals that share a time base keep it. Otherwise each sample goes to its nearest
+        tick of the grid (so by at most half a tick), several in one tick are averaged, which is also the
+        anti-alias filter; a tick without a sample is NaN, and ticks that no signal reaches (gaps) are left
+        out. References are interpolated where their neighbours are at most 1 s (or two of their own samples)
+        apart. Nothing is extrapolated.
+
+        Args:
+            rate: ticks per second in Hz; default the fastest measured signal's, at most 100.
+
+        Raises:
+            InputError: no signals, a name that is not canonical, or a bad time base.
+        """
+        if not self.signals:
+            raise InputError(
+                "no canonical channel found", mend="give a mapping ('roadstate channels FILE --suggest')"
+            )
+        unknown = [n for n in self.signals if n not in CHANNELS or n == "time"]
+        if unknown:
+            raise InputError(f"'{unknown[0]}' is not a canonical channel", mend="apply a mapping first")
+        for signal in self.signals.values():
+            signal.check_time()
+        if rate is not None and not 0.1 <= rate <= 10_000:
+            raise InputError(f"a rate of {rate:g} Hz is out of range", mend="choose 0.1 to 10000 Hz")
+        if rate is None and self.is_common_base:
+            first = next(iter(self.signals.values()))
+            return Log(first.time, {n: s.values for n, s in self.signals.items()}, dict(self.metadata))
+        measured = {n: s for n, s in self.signals.items() if not CHANNELS[n].is_reference and len(s)}
+        if not measured:
+            measured = {n: s for n, s in self.signals.items() if len(s)}
+        if not measured:
+            raise InputError("every mapped channel is empty", where=str(self.metadata.get("files", "")))
+        if rate is None:
+            fastest = max(s.rate for s in measured.values())
+            rate = min(float(f"{fastest:.2g}"), _MAX_RATE) if fastest > 0 else 1.0
+        return self._on_grid(measured, rate)
+
+    def _on_grid(self, measured: Mapping[str, Signal], rate: float) -> Log:
+        start = min(s.time[0] for s in measured.values())
+        ticks_of = {n: np.rint((s.time - start) * rate).astype(np.int64) for n, s in measured.items()}
+        used = np.unique(np.concatenate(list(ticks_of.values())))
+        time = start + used / rate
+        columns: dict[str, Array] = {}
+        for name, signal in self.signals.items():
+            if name in measured and not CHANNELS[name].is_reference:
+                columns[name] = _bin_mean(np.searchsorted(used, ticks_of[name]), signal.values, len(used))
+            else:
+                columns[name] = _interpolate(signal, time)
+        return Log(time, columns, {**self.metadata, "rate": rate})
+
+
+def _bin_mean(index: NDArray[np.int64], values: Array, size: int) -> Array:
+    good = np.isfinite(values)
+    total = np.bincount(index[good], weights=values[good], minlength=size)
+    count = np.bincount(index[good], minlength=size)
+    with np.errstate(invalid="ignore"):
+        return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+
+def _interpolate(signal: Signal, time: Array) -> Array:
+    good = np.isfinite(signal.values)
+    if good.sum() < 2:
+        return np.full(len(time), np.nan)
+    t, v = signal.time[good], signal.values[good]
+    out = np.interp(time, t, v, left=np.nan, right=np.nan)
+    after = np.clip(np.searchsorted(t, time, side="left"), 1, len(t) - 1)
+    reach = max(1.0, 2.0 * float(np.median(np.diff(t))))
+    wide = (t[after] - t[after - 1] > reach) & (time > t[after - 1]) & (time < t[after])
+    return np.where(wide, np.nan, out)
+
+
+def join(recordings: Sequence[Recording]) -> Recording:
+    """Join several files of one drive, in time order, into one recording.
+
+    Recordings that carry absolute start times are laid on the earliest one's clock; those without must
+    already continue one another's time. Signals keep their names; one that a file lacks is simply absent
+    there.
+
+    Raises:
+        InputError: two files overlap in time, or give one signal in different units.
+    """
+    if len(recordings) == 1:
+        return recordings[0]
+    shifted = _on_one_clock(recordings)
+    order = sorted(range(len(shifted)), key=lambda i: _span(shifted[i])[0])
+    for a, b in pairwise(order):
+        if _span(shifted[b])[0] <= _span(shifted[a])[1]:
+            raise InputError(
+                f"overlaps {_files(shifted[a])} in time",
+                where=_files(shifted[b]),
+                mend="give files of one drive; without absolute time they must continue each other's clock",
+            )
+    parts: dict[str, list[Signal]] = {}
+    for i in order:
+        for name, signal in shifted[i].signals.items():
+            parts.setdefault(name, []).append(signal)
+    joined: dict[str, Signal] = {}
+    bases: dict[tuple[int, ...], Array] = {}
+    for name, pieces in parts.items():
+        for other in pieces[1:]:
+            if other.unit != pieces[0].unit:
+                raise InputError(
+                    f"unit '{other.unit}' differs from '{pieces[0].unit}' in {pieces[0].source}",
+                    where=other.source,
+                )
+        key = tuple(id(p.time) for p in pieces)
+        time = bases.setdefault(key, np.concatenate([p.time for p in pieces]))
+        joined[name] = replace(pieces[0], time=time, values=np.concatenate([p.values for p in pieces]))
+    files = [f for i in order for f in shifted[i].metadata.get("files", [])]
+    return Recording(joined, {**shifted[order[0]].metadata, "files": files})
+
+
+def _files(recording: Recording) -> str:
+    return ", ".join(str(f) for f in recording.metadata.get("files", ["a recording"]))
+
+
+def _span(recording: Recording) -> tuple[float, float]:
+    bases = [s.time for s in recording.signals.values() if len(s)]
+    if not bases:
+        return (np.inf, np.inf)
+    return min(float(b[0]) for b in bases), max(float(b[-1]) for b in bases)
+
+
+def _on_one_clock(recordings: Sequence[Recording]) -> list[Recording]:
+    starts = [r.metadata.get("start_time") for r in recordings]
+    if any(s is None for s in starts):
+        return list(recordings)
+    instants = np.array([np.datetime64(str(s).split("+")[0]) for s in starts]).astype("datetime64[ns]")
+    offsets = (instants - instants.min()) / np.timedelta64(1, "s")
+    out = []
+    for recording, offset in zip(recordings, offsets, strict=True):
+        moved: dict[int, Array] = {}
+        signals = {
+            n: replace(s, time=moved.setdefault(id(s.time), s.time + offset) if offset else s.time)
+            for n, s in recording.signals.items()
+        }
+        start = str(instants.min())
+        out.append(Recording(signals, {**recording.metadata, "start_time": start}))
+    return out

@@ -1,0 +1,166 @@
+"""Columns with units, to and from pandas and Parquet: shared by logs and estimates."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from roadstate.core.errors import InputError
+from roadstate.core.units import convert
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_HEADER = re.compile(r"^\s*(?P<name>.*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*$")
+_METADATA_KEY = b"roadstate"
+
+
+@dataclass(frozen=True)
+class Column:
+    """(T,) values and their unit; text columns (object or string arrays) have unit ``""``."""
+
+    values: NDArray[Any]
+    unit: str | None
+
+
+def split_header(text: str) -> tuple[str, str | None]:
+    """``"speed [km/h]"`` → ``("speed", "km/h")``; without brackets the unit is ``None``."""
+    match = _HEADER.match(text.replace("\n", " "))
+    assert match is not None  # every part of the pattern is optional
+    return match["name"], match["unit"]
+
+
+def in_unit(name: str, column: Column, unit: str, where: str) -> NDArray[np.float64]:
+    """The column's values as float64 in ``unit`` (a column without a unit is taken to be in it).
+
+    Raises:
+        InputError: not numeric, or a unit that does not fit.
+    """
+    try:
+        values = np.asarray(column.values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            "not numeric", where=f"{where}: {name}", mend="remove text from the column"
+        ) from error
+    if column.unit is None:
+        return values
+    try:
+        return convert(values, column.unit, unit)
+    except InputError as error:
+        raise InputError(error.what, where=f"{where}: {name}", mend=error.mend) from error
+
+
+@contextmanager
+def atomic_path(path: str | Path) -> Iterator[Path]:
+    """A temporary name beside ``path`` that becomes ``path`` when the block ends well, else vanishes.
+
+    Raises:
+        InputError: the folder does not exist or cannot be written.
+    """
+    path = Path(path)
+    try:
+        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise InputError(f"cannot write ({reason})", where=str(path), mend="choose another folder") from error
+    os.close(handle)
+    temporary = Path(name)
+    try:
+        yield temporary
+        os.chmod(temporary, 0o666 & ~_umask())
+        os.replace(temporary, path)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def to_pandas(columns: Mapping[str, Column], metadata: Mapping[str, Any]) -> pd.DataFrame:
+    """A frame indexed by ``time [s]`` whose columns are named ``name [unit]``."""
+    import pandas as pd
+
+    named = {f"{n} [{c.unit}]" if c.unit else n: c.values for n, c in columns.items() if n != "time"}
+    frame = pd.DataFrame(named, index=pd.Index(columns["time"].values, name="time [s]"))
+    frame.attrs["roadstate"] = dict(metadata)
+    return frame
+
+
+def from_pandas(frame: pd.DataFrame) -> tuple[dict[str, Column], dict[str, Any]]:
+    """Columns and metadata of a frame; the index is used where it is named ``time``."""
+    columns: dict[str, Column] = {}
+    index_name = split_header(str(frame.index.name))
+    if index_name[0] == "time":
+        columns["time"] = Column(frame.index.to_numpy(), index_name[1])
+    for header in frame.columns:
+        name, unit = split_header(str(header))
+        if name in columns:
+            raise InputError(f"two columns are named '{name}'", where="data frame")
+        columns[name] = Column(frame[header].to_numpy(), unit)
+    return columns, dict(frame.attrs.get("roadstate", {}))
+
+
+def to_parquet(path: str | Path, columns: Mapping[str, Column], metadata: Mapping[str, Any]) -> Path:
+    """Write columns with units in the fields' metadata; the file appears whole or not at all."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    fields, arrays = [], []
+    for name, column in columns.items():
+        array = pa.array(column.values)
+        if not pa.types.is_floating(array.type) and not pa.types.is_integer(array.type):
+            array = array.dictionary_encode()
+        unit = {b"unit": column.unit.encode()} if column.unit is not None else None
+        fields.append(pa.field(name, array.type, metadata=unit))
+        arrays.append(array)
+    header = {_METADATA_KEY: json.dumps(dict(metadata), default=str).encode()}
+    table = pa.Table.from_arrays(arrays, schema=pa.schema(fields, metadata=header))
+    with atomic_path(path) as temporary:
+        pq.write_table(table, temporary, compression="zstd")
+    return Path(path)
+
+
+def from_parquet(path: str | Path) -> tuple[dict[str, Column], dict[str, Any]]:
+    """Columns and metadata of a Parquet file.
+
+    Raises:
+        InputError: the file is missing or is no Parquet file.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    where = str(path)
+    if not Path(path).is_file():
+        raise InputError("no such file", where=where, mend="check the path")
+    try:
+        table = pq.read_table(path)
+    except (pa.ArrowException, OSError) as error:
+        raise InputError("not a readable Parquet file", where=where, mend="is it cut short?") from error
+    columns: dict[str, Column] = {}
+    for field, data in zip(table.schema, table.columns, strict=True):
+        name, unit = split_header(field.name)
+        if field.metadata and b"unit" in field.metadata:
+            unit = field.metadata[b"unit"].decode("utf-8", "replace")
+        if name in columns:
+            raise InputError(f"two columns are named '{name}'", where=where, mend="rename one")
+        columns[name] = Column(data.to_numpy(), unit)
+    raw = (table.schema.metadata or {}).get(_METADATA_KEY, b"{}")
+    try:
+        metadata = json.loads(raw)
+    except ValueError:
+        metadata = {}
+    return columns, metadata if isinstance(metadata, dict) else {}

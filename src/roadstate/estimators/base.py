@@ -1,0 +1,94 @@
+"""The contract of an estimator: a state-space model and a filter, fed from canonical channels."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, Self, TypeVar
+
+import equinox as eqx
+from jaxtyping import Array, Float, Int
+
+from roadstate.core.gaussian import Info
+
+if TYPE_CHECKING:
+    from roadstate.vehicles.parameters import Vehicle
+
+Sample = Mapping[str, Float[Array, ""]]
+"""One instant: a scalar for each of the estimator's channels, SI units, NaN where missing."""
+
+
+class Estimate(eqx.Module):
+    """What an estimator says at one instant.
+
+    Attributes:
+        values: quantity → scalar in SI.
+        std: quantity → standard deviation (1σ).
+        validity: :class:`roadstate.core.Validity` code.
+    """
+
+    values: dict[str, Float[Array, ""]]
+    std: dict[str, Float[Array, ""]]
+    validity: Int[Array, ""]
+
+
+@dataclass(frozen=True)
+class Need:
+    """One thing an estimator needs, and the sets of channels any one of which provides it.
+
+    Attributes:
+        what: in words, for messages.
+        alternatives: sets of canonical channel names; all of a set must be there.
+    """
+
+    what: str
+    alternatives: tuple[tuple[str, ...], ...]
+
+    def is_met(self, available: Collection[str]) -> bool:
+        """Whether the available channels provide it."""
+        return any(all(c in available for c in group) for group in self.alternatives)
+
+
+S = TypeVar("S")
+
+
+class Estimator(eqx.Module, Generic[S]):
+    """An estimator: ``init``, ``step``, ``estimate``, all pure; the state ``S`` is any pytree.
+
+    A stream, a scan over a log and a batch of logs all call the same :meth:`step`. Parameters are leaves
+    (arrays), so they can be batched and differentiated, and changing one compiles nothing anew.
+
+    Attributes:
+        channels: canonical channels read from each sample.
+        sensors: names of the filter's sensors: the rows of :class:`Info`.
+    """
+
+    name: ClassVar[str]
+    summary: ClassVar[str]
+    needs: ClassVar[tuple[Need, ...]]
+    optional: ClassVar[tuple[str, ...]] = ()
+
+    channels: eqx.AbstractVar[tuple[str, ...]]
+    sensors: eqx.AbstractVar[tuple[str, ...]]
+
+    @classmethod
+    @abstractmethod
+    def build(cls, vehicle: Vehicle, available: Collection[str], **options: Any) -> Self:
+        """Compose the estimator for a vehicle and the channels that are there.
+
+        Raises:
+            InputError: a need is not met, or the vehicle file lacks what the estimator uses.
+        """
+
+    @abstractmethod
+    def init(self) -> S:
+        """The state before the first sample."""
+
+    @abstractmethod
+    def step(self, state: S, sample: Sample, dt: Float[Array, ""]) -> tuple[S, Info]:
+        """Advance by ``dt`` seconds (0 at the first sample) and take the sample."""
+
+    @abstractmethod
+    def estimate(self, state: S) -> Estimate:
+        """What the state says of the quantities now."""

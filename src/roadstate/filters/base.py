@@ -1,0 +1,140 @@
+"""The contract of a filter, and what the Gaussian ones share."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from roadstate.core.gaussian import Gate, Gaussian, Info, Reason
+from roadstate.linalg import correct
+from roadstate.statespace import StateSpaceModel
+
+_LOG_2PI = 1.8378770664093453
+
+
+class FilterState(NamedTuple):
+    """State of a Gaussian filter.
+
+    Attributes:
+        gaussian: x̂ and a factor of P.
+        rejected: (m,) how many samples of each sensor the gate has refused in a row.
+    """
+
+    gaussian: Gaussian
+    rejected: Int[Array, " m"]
+
+
+class GateRule(eqx.Module):
+    """Refuses a sensor's sample whose squared Mahalanobis distance ν²/S exceeds a χ² quantile (1 degree).
+
+    A sensor refused ``patience`` times in a row is believed again, since by then it is likelier that the
+    filter is wrong than the sensor; so a gate can never lock a filter out.
+
+    Attributes:
+        threshold: χ² quantile; 10.83 refuses 1 good sample in 1000, 15.14 in 10 000, 19.51 in 100 000.
+        patience: refusals in a row after which the next sample is taken whatever it says.
+    """
+
+    threshold: float = eqx.field(default=19.51, static=True)
+    patience: int = eqx.field(default=10, static=True)
+
+    def __call__(
+        self, squared: Float[Array, " m"], present: Bool[Array, " m"], rejected: Int[Array, " m"]
+    ) -> tuple[Bool[Array, " m"], Int[Array, " m"], Int[Array, " m"]]:
+        """``(used, codes, rejected)``: which samples to take, their :class:`Gate` codes, the new counters."""
+        outside = present & ~(squared <= self.threshold)
+        refuse = outside & (rejected < self.patience)
+        used = present & ~refuse
+        codes = jnp.where(present, jnp.where(refuse, Gate.REJECTED, Gate.PASSED), Gate.NOT_TESTED)
+        counter = jnp.where(refuse, rejected + 1, jnp.where(present, 0, rejected))
+        return used, codes, counter
+
+
+S = TypeVar("S")
+
+
+class Filter(eqx.Module, Generic[S]):
+    """A filter: pure functions on a state ``S`` that is any pytree.
+
+    ``NaN`` in a measurement means that this sensor has no sample now; what is there is used.
+    """
+
+    name: ClassVar[str]
+
+    @abstractmethod
+    def init(self, model: StateSpaceModel) -> S:
+        """The state before the first sample."""
+
+    @abstractmethod
+    def predict(self, model: StateSpaceModel, state: S, u: Any, dt: Float[Array, ""]) -> S:
+        """Move Δt ahead (time update)."""
+
+    @abstractmethod
+    def update(self, model: StateSpaceModel, state: S, u: Any, z: Float[Array, " m"]) -> tuple[S, Info]:
+        """Take the samples ``z`` (measurement update)."""
+
+    @abstractmethod
+    def posterior(self, state: S) -> Gaussian:
+        """Mean and covariance of the state now."""
+
+    def step(
+        self, model: StateSpaceModel, state: S, u: Any, z: Float[Array, " m"], dt: Float[Array, ""]
+    ) -> tuple[S, Info]:
+        """Predict over Δt, then update."""
+        return self.update(model, self.predict(model, state, u, dt), u, z)
+
+
+class GaussianFilter(Filter[FilterState]):
+    """What the square-root Gaussian filters share: how deviations become a posterior and an :class:`Info`."""
+
+    gate: eqx.AbstractVar[GateRule | None]
+
+    def init(self, model: StateSpaceModel) -> FilterState:
+        """The model's prior, with clear gates."""
+        return FilterState(model.prior(), jnp.zeros(len(model.sensors), jnp.int32))
+
+    def posterior(self, state: FilterState) -> Gaussian:
+        """The Gaussian held."""
+        return state.gaussian
+
+    def _condition(
+        self,
+        state: FilterState,
+        z: Float[Array, " m"],
+        z_hat: Float[Array, " m"],
+        state_rows: Float[Array, "n k"],
+        sensor_rows: Float[Array, "m k"],
+        sqrt_R: Float[Array, "m m"],
+    ) -> tuple[FilterState, Info]:
+        present = jnp.isfinite(z)
+        innovation = z - z_hat
+        S = sensor_rows @ sensor_rows.T + sqrt_R @ sqrt_R.T
+        squared = jnp.where(present, innovation, 0) ** 2 / jnp.diagonal(S)
+        rejected = state.rejected
+        if self.gate is None:
+            used, codes = present, jnp.full(z.shape, Gate.NOT_TESTED)
+        else:
+            used, codes, rejected = self.gate(squared, present, rejected)
+        result = correct(state_rows, sensor_rows, sqrt_R, innovation, used)
+        mean = state.gaussian.mean + result.delta
+        finite = jnp.all(jnp.isfinite(mean)) & jnp.all(jnp.isfinite(result.factor))
+        posterior = Gaussian(
+            jnp.where(finite, mean, state.gaussian.mean),
+            jnp.where(finite, result.factor, state.gaussian.factor),
+        )
+        any_used = jnp.any(used)
+        reason = jnp.where(finite, jnp.where(any_used, Reason.OK, Reason.NO_MEASUREMENT), Reason.NOT_FINITE)
+        count = jnp.sum(used)
+        return FilterState(posterior, rejected), Info(
+            innovation=jnp.where(present, innovation, jnp.nan),
+            S=S,
+            nis=result.nis,
+            log_likelihood=-0.5 * (result.nis + result.log_det + count * _LOG_2PI),
+            gate=codes,
+            ok=finite,
+            reason=reason,
+        )

@@ -1,0 +1,46 @@
+"""The Kalman filter, in square-root form."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from roadstate.core.gaussian import Gaussian, Info
+from roadstate.filters.base import FilterState, GateRule, GaussianFilter
+from roadstate.linalg import tria
+from roadstate.statespace import StateSpaceModel
+
+
+class KF(GaussianFilter):
+    """Kalman filter for a model whose f and h are affine in x (they may depend on u and Δt at will).
+
+    Time update x̂ = f(x̂), P = F P Fᵀ + Q; measurement update K = P Hᵀ S⁻¹, P = (I − K H) P, both by
+    orthogonal triangularisation (Kailath, Sayed & Hassibi, *Linear Estimation*, ch. 12). F and H come from f
+    and h by automatic differentiation, which for an affine model is exact.
+
+    Attributes:
+        gate: innovation gate, or ``None`` to take every sample.
+    """
+
+    name: ClassVar[str] = "kf"
+    gate: GateRule | None = None
+
+    def predict(
+        self, model: StateSpaceModel, state: FilterState, u: Any, dt: Float[Array, ""]
+    ) -> FilterState:
+        """Time update."""
+        mean, factor = state.gaussian.mean, state.gaussian.factor
+        F = jax.jacfwd(model.f)(mean, u, dt)
+        spread = jnp.concatenate([F @ factor, model.sqrt_Q(u, dt)], axis=1)
+        return FilterState(Gaussian(model.f(mean, u, dt), tria(spread)), state.rejected)
+
+    def update(
+        self, model: StateSpaceModel, state: FilterState, u: Any, z: Float[Array, " m"]
+    ) -> tuple[FilterState, Info]:
+        """Measurement update."""
+        mean, factor = state.gaussian.mean, state.gaussian.factor
+        H = jax.jacfwd(model.h)(mean, u)
+        return self._condition(state, z, model.h(mean, u), factor, H @ factor, model.sqrt_R(u))

@@ -1,0 +1,76 @@
+"""Square-root covariance algebra: what every Gaussian filter is made of.
+
+A covariance P is kept as a lower-triangular S with P = S Sᵀ and only ever formed anew by an orthogonal
+triangularisation, which cannot lose definiteness and works with half the digits a covariance would need
+(Grewal & Andrews, *Kalman Filtering*, ch. 6; Bierman, *Factorization Methods*, ch. V).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import jax.scipy.linalg as jsl
+from jaxtyping import Array, Bool, Float
+
+
+def tria(A: Float[Array, "n k"]) -> Float[Array, "n n"]:
+    """Lower-triangular L with non-negative diagonal and L Lᵀ = A Aᵀ (by QR of Aᵀ; needs k ≥ n)."""
+    upper = jnp.linalg.qr(A.T, mode="r")
+    sign = jnp.where(jnp.diagonal(upper) < 0, -1.0, 1.0).astype(A.dtype)
+    return (upper * sign[:, None]).T
+
+
+class Correction(NamedTuple):
+    """Result of :func:`correct`.
+
+    Attributes:
+        delta: (n,) what to add to the mean.
+        factor: (n, n) posterior factor.
+        nis: νᵀS⁻¹ν over the sensors used.
+        log_det: log det S over the sensors used.
+    """
+
+    delta: Float[Array, " n"]
+    factor: Float[Array, "n n"]
+    nis: Float[Array, ""]
+    log_det: Float[Array, ""]
+
+
+def correct(
+    state_rows: Float[Array, "n k"],
+    sensor_rows: Float[Array, "m k"],
+    sqrt_R: Float[Array, "m m"],
+    innovation: Float[Array, " m"],
+    used: Bool[Array, " m"],
+) -> Correction:
+    """Condition a Gaussian on a measurement, in array form.
+
+    (Kailath, Sayed & Hassibi, *Linear Estimation*, ch. 12.)
+
+    With deviations X (state) and Z (sensors) such that P = X Xᵀ, P_xz = X Zᵀ and S = Z Zᵀ + R, one
+    triangularisation of ``[[√R, Z], [0, X]]`` yields √S, the gain and the posterior factor. For a linear
+    sensor Z = H X; for sigma points X and Z are their weighted deviations.
+
+    Args:
+        state_rows: (n, k) X.
+        sensor_rows: (m, k) Z.
+        sqrt_R: (m, m) any factor of R; rows belong to sensors.
+        innovation: (m,) z − ẑ; may be anything where ``used`` is false.
+        used: (m,) sensors to take; the others have no effect at all.
+    """
+    n, m = state_rows.shape[0], sensor_rows.shape[0]
+    dtype = state_rows.dtype
+    keep = used[:, None]
+    skipped = jnp.diag((~used).astype(dtype))
+    top = jnp.concatenate([jnp.where(keep, sqrt_R, 0), skipped, jnp.where(keep, sensor_rows, 0)], axis=1)
+    bottom = jnp.concatenate([jnp.zeros((n, 2 * m), dtype), state_rows], axis=1)
+    L = tria(jnp.concatenate([top, bottom]))
+    sqrt_S, gain = L[:m, :m], L[m:, :m]
+    whitened = jsl.solve_triangular(sqrt_S, jnp.where(used, innovation, 0), lower=True)
+    return Correction(
+        delta=gain @ whitened,
+        factor=L[m:, m:],
+        nis=jnp.sum(whitened**2),
+        log_det=2 * jnp.sum(jnp.log(jnp.diagonal(sqrt_S))),
+    )
