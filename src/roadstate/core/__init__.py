@@ -3,8 +3,9 @@
 from roadstate.core.channels import CHANNELS, WHEELS, Channel, channel
 from roadstate.core.errors import InputError
 from roadstate.core.estimates import QUANTITIES, REFERENCE_OF, Estimates, Validity
+from roadstate.core.joining import join
 from roadstate.core.log import Log
-from roadstate.core.signals import Recording, Signal, join
+from roadstate.core.signals import Recording, Signal
 
 __all__ = [
     "CHANNELS",

@@ -22,4 +22,6 @@ class InputError(ValueError):
         text = f"{where}: {what}" if where else what
         if mend:
             text = f"{text}; {mend}"
-        super().__init__(" ".join(text.split()))
+        line = " ".join(text.split())
+        # names and keys come out of strangers' files: no escape sequence may reach a terminal
+        super().__init__("".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in line))

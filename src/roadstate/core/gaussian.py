@@ -8,6 +8,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from roadstate.core import numerics as numerics  # float64 before the first array
+
 
 class Gaussian(eqx.Module):
     """A normal distribution in square-root form, so that its covariance cannot lose definiteness.

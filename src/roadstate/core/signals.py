@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -161,7 +160,7 @@ class Recording:
             if name in measured and not CHANNELS[name].is_reference:
                 columns[name] = _bin_mean(np.searchsorted(used, ticks_of[name]), signal.values, len(used))
             else:
-                columns[name] = _interpolate(signal, time)
+                columns[name] = interpolate(signal, time)
         return Log(time, columns, {**self.metadata, "rate": rate})
 
 
@@ -173,7 +172,16 @@ def _bin_mean(index: NDArray[np.int64], values: Array, size: int) -> Array:
         return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
-def _interpolate(signal: Signal, time: Array) -> Array:
+def interpolate(signal: Signal, time: Array) -> Array:
+    """The signal at other times: linear between valid samples at most 1 s (or two of its own steps) apart.
+
+    Args:
+        signal: the samples; NaN ones are passed over.
+        time: (T,) in s.
+
+    Returns:
+        (T,) in the signal's unit; NaN in wider gaps and outside the signal's span.
+    """
     good = np.isfinite(signal.values)
     if good.sum() < 2:
         return np.full(len(time), np.nan)
@@ -183,73 +191,3 @@ def _interpolate(signal: Signal, time: Array) -> Array:
     reach = max(1.0, 2.0 * float(np.median(np.diff(t))))
     wide = (t[after] - t[after - 1] > reach) & (time > t[after - 1]) & (time < t[after])
     return np.where(wide, np.nan, out)
-
-
-def join(recordings: Sequence[Recording]) -> Recording:
-    """Join several files of one drive, in time order, into one recording.
-
-    Recordings that carry absolute start times are laid on the earliest one's clock; those without must
-    already continue one another's time. Signals keep their names; one that a file lacks is simply absent
-    there.
-
-    Raises:
-        InputError: two files overlap in time, or give one signal in different units.
-    """
-    if len(recordings) == 1:
-        return recordings[0]
-    shifted = _on_one_clock(recordings)
-    order = sorted(range(len(shifted)), key=lambda i: _span(shifted[i])[0])
-    for a, b in pairwise(order):
-        if _span(shifted[b])[0] <= _span(shifted[a])[1]:
-            raise InputError(
-                f"overlaps {_files(shifted[a])} in time",
-                where=_files(shifted[b]),
-                mend="give files of one drive; without absolute time they must continue each other's clock",
-            )
-    parts: dict[str, list[Signal]] = {}
-    for i in order:
-        for name, signal in shifted[i].signals.items():
-            parts.setdefault(name, []).append(signal)
-    joined: dict[str, Signal] = {}
-    bases: dict[tuple[int, ...], Array] = {}
-    for name, pieces in parts.items():
-        for other in pieces[1:]:
-            if other.unit != pieces[0].unit:
-                raise InputError(
-                    f"unit '{other.unit}' differs from '{pieces[0].unit}' in {pieces[0].source}",
-                    where=other.source,
-                )
-        key = tuple(id(p.time) for p in pieces)
-        time = bases.setdefault(key, np.concatenate([p.time for p in pieces]))
-        joined[name] = replace(pieces[0], time=time, values=np.concatenate([p.values for p in pieces]))
-    files = [f for i in order for f in shifted[i].metadata.get("files", [])]
-    return Recording(joined, {**shifted[order[0]].metadata, "files": files})
-
-
-def _files(recording: Recording) -> str:
-    return ", ".join(str(f) for f in recording.metadata.get("files", ["a recording"]))
-
-
-def _span(recording: Recording) -> tuple[float, float]:
-    bases = [s.time for s in recording.signals.values() if len(s)]
-    if not bases:
-        return (np.inf, np.inf)
-    return min(float(b[0]) for b in bases), max(float(b[-1]) for b in bases)
-
-
-def _on_one_clock(recordings: Sequence[Recording]) -> list[Recording]:
-    starts = [r.metadata.get("start_time") for r in recordings]
-    if any(s is None for s in starts):
-        return list(recordings)
-    instants = np.array([np.datetime64(str(s).split("+")[0]) for s in starts]).astype("datetime64[ns]")
-    offsets = (instants - instants.min()) / np.timedelta64(1, "s")
-    out = []
-    for recording, offset in zip(recordings, offsets, strict=True):
-        moved: dict[int, Array] = {}
-        signals = {
-            n: replace(s, time=moved.setdefault(id(s.time), s.time + offset) if offset else s.time)
-            for n, s in recording.signals.items()
-        }
-        start = str(instants.min())
-        out.append(Recording(signals, {**recording.metadata, "start_time": start}))
-    return out

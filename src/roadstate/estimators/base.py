@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Self, TypeVar
 
 import equinox as eqx
+import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from roadstate.core.gaussian import Info
@@ -17,6 +18,11 @@ if TYPE_CHECKING:
 
 Sample = Mapping[str, Float[Array, ""]]
 """One instant: a scalar for each of the estimator's channels, SI units, NaN where missing."""
+
+
+def leaf(value: float) -> Float[Array, ""]:
+    """A parameter as an array, so that its value is data to the compiled step and not part of it."""
+    return jnp.asarray(float(value))
 
 
 class Estimate(eqx.Module):

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from roadstate.core.gaussian import Gate, Gaussian, Info, Reason
-from roadstate.linalg import correct
+from roadstate.linalg import correct, product
 from roadstate.statespace import StateSpaceModel
 
 _LOG_2PI = 1.8378770664093453
@@ -112,7 +112,7 @@ class GaussianFilter(Filter[FilterState]):
     ) -> tuple[FilterState, Info]:
         present = jnp.isfinite(z)
         innovation = z - z_hat
-        S = sensor_rows @ sensor_rows.T + sqrt_R @ sqrt_R.T
+        S = product(sensor_rows, sensor_rows.T) + product(sqrt_R, sqrt_R.T)
         squared = jnp.where(present, innovation, 0) ** 2 / jnp.diagonal(S)
         rejected = state.rejected
         if self.gate is None:

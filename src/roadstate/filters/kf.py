@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 
 from roadstate.core.gaussian import Gaussian, Info
 from roadstate.filters.base import FilterState, GateRule, GaussianFilter
-from roadstate.linalg import tria
+from roadstate.linalg import once, product, tria
 from roadstate.statespace import StateSpaceModel
 
 
@@ -33,9 +33,10 @@ class KF(GaussianFilter):
     ) -> FilterState:
         """Time update."""
         mean, factor = state.gaussian.mean, state.gaussian.factor
-        F = jax.jacfwd(model.f)(mean, u, dt)
-        spread = jnp.concatenate([F @ factor, model.sqrt_Q(u, dt)], axis=1)
-        return FilterState(Gaussian(model.f(mean, u, dt), tria(spread)), state.rejected)
+        u = once(u)
+        moved, F, noise = once((model.f(mean, u, dt), jax.jacfwd(model.f)(mean, u, dt), model.sqrt_Q(u, dt)))
+        spread = once(jnp.concatenate([product(F, factor), noise], axis=1))
+        return FilterState(Gaussian(moved, tria(spread)), state.rejected)
 
     def update(
         self, model: StateSpaceModel, state: FilterState, u: Any, z: Float[Array, " m"]
@@ -43,4 +44,4 @@ class KF(GaussianFilter):
         """Measurement update."""
         mean, factor = state.gaussian.mean, state.gaussian.factor
         H = jax.jacfwd(model.h)(mean, u)
-        return self._condition(state, z, model.h(mean, u), factor, H @ factor, model.sqrt_R(u))
+        return self._condition(state, z, model.h(mean, u), factor, product(H, factor), model.sqrt_R(u))

@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 
 from roadstate.core.gaussian import Gaussian, Info
 from roadstate.filters.base import FilterState, GateRule, GaussianFilter
-from roadstate.linalg import tria
+from roadstate.linalg import once, tria
 from roadstate.statespace import StateSpaceModel
 
 
@@ -66,9 +66,10 @@ class UKF(GaussianFilter):
         self, model: StateSpaceModel, state: FilterState, u: Any, dt: Float[Array, ""]
     ) -> FilterState:
         """Time update."""
+        u = once(u)
         points = self._points(state.gaussian)
-        moments = self._moments(jax.vmap(lambda x: model.f(x, u, dt))(points))
-        spread = jnp.concatenate([moments.paired, moments.center, model.sqrt_Q(u, dt)], axis=1)
+        moments = self._moments(once(jax.vmap(lambda x: model.f(x, u, dt))(points)))
+        spread = once(jnp.concatenate([moments.paired, moments.center, model.sqrt_Q(u, dt)], axis=1))
         return FilterState(Gaussian(moments.mean, tria(spread)), state.rejected)
 
     def update(

@@ -1,0 +1,78 @@
+"""Several files of one drive as one recording."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from roadstate.core.errors import InputError
+from roadstate.core.signals import Array, Recording, Signal
+
+
+def join(recordings: Sequence[Recording]) -> Recording:
+    """Join the files of one drive into one recording.
+
+    Recordings that all carry absolute start times are laid on the earliest one's clock; otherwise their
+    times are taken to be on one clock already. Files that follow one another are put in time order, each
+    signal's pieces end to end; files that run at the same time must hold different signals (a CAN log and a
+    GNSS log, say), and lie side by side.
+
+    Raises:
+        InputError: two files hold the same signal at the same time, or give it different units.
+    """
+    if len(recordings) == 1:
+        return recordings[0]
+    shifted = sorted(_on_one_clock(recordings), key=_start)
+    parts: dict[str, list[Signal]] = {}
+    for recording in shifted:
+        for name, signal in recording.signals.items():
+            if len(signal):
+                _check_follows(parts.setdefault(name, []), name, signal)
+                parts[name].append(signal)
+    joined: dict[str, Signal] = {}
+    bases: dict[tuple[int, ...], Array] = {}
+    for name, pieces in parts.items():
+        key = tuple(id(p.time) for p in pieces)
+        if key not in bases:
+            bases[key] = np.concatenate([p.time for p in pieces])
+        joined[name] = replace(pieces[0], time=bases[key], values=np.concatenate([p.values for p in pieces]))
+    files = [f for r in shifted for f in r.metadata.get("files", [])]
+    return Recording(joined, {**shifted[0].metadata, "files": files})
+
+
+def _check_follows(earlier: Sequence[Signal], name: str, signal: Signal) -> None:
+    if not earlier:
+        return
+    last = earlier[-1]
+    if signal.unit != last.unit:
+        raise InputError(
+            f"{name} is in '{signal.unit}' here and in '{last.unit}' in {last.source}",
+            where=signal.source,
+            mend="convert one of the files",
+        )
+    if signal.time[0] <= last.time[-1]:
+        raise InputError(
+            f"{name} begins at {signal.time[0]:.6g} s, before {last.source} ends ({last.time[-1]:.6g} s)",
+            where=signal.source,
+            mend="give files of one drive; without absolute time they must continue each other's clock",
+        )
+
+
+def _start(recording: Recording) -> float:
+    return min((float(s.time[0]) for s in recording.signals.values() if len(s)), default=np.inf)
+
+
+def _on_one_clock(recordings: Sequence[Recording]) -> list[Recording]:
+    starts = [r.metadata.get("start_time") for r in recordings]
+    if any(s is None for s in starts):
+        return list(recordings)
+    instants = np.array([np.datetime64(str(s)) for s in starts]).astype("datetime64[ns]")
+    offsets = (instants - instants.min()) / np.timedelta64(1, "s")
+    moved: list[Recording] = []
+    for recording, offset in zip(recordings, offsets, strict=True):
+        bases = {id(s.time): s.time + offset if offset else s.time for s in recording.signals.values()}
+        signals = {n: replace(s, time=bases[id(s.time)]) for n, s in recording.signals.items()}
+        moved.append(Recording(signals, {**recording.metadata, "start_time": str(instants.min())}))
+    return moved

@@ -1,0 +1,299 @@
+"""DEBE: road grade from the driving equation, by an unscented Kalman filter."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
+
+import equinox as eqx
+import jax.numpy as jnp
+import jax.scipy.linalg as jsl
+from jaxtyping import Array, Bool, Float, Int
+
+from roadstate.core.channels import WHEELS
+from roadstate.core.constants import GRAVITY
+from roadstate.core.estimates import Validity
+from roadstate.core.gaussian import Gaussian, Info
+from roadstate.estimators.base import Estimate, Estimator, Need, Sample, leaf
+from roadstate.estimators.road import GradePrior
+from roadstate.estimators.signals import (
+    STANDSTILL_SPEED,
+    Held,
+    SpeedMeter,
+    random_walk_growth,
+    signed_direction,
+)
+from roadstate.estimators.traction import Traction, TractionMeter, TractionState
+from roadstate.filters import UKF, FilterState, GateRule
+from roadstate.statespace import StateSpaceModel
+
+if TYPE_CHECKING:
+    from roadstate.vehicles import Vehicle
+
+_STALE = 3.0  # s without torque after which the drive counts as unknown
+_SILENT = 3.0  # s without speed after which the estimate is called a prediction
+_MODEL_NOISE = 0.05  # m/s²/√Hz: gusts, slip, driveline oscillation
+_WANDER = 0.3  # m/s²/√s: how the drive's acceleration wanders while no torque is seen
+_TORQUE_TIME = 0.1  # s: correlation time of the torque signal's noise
+_UNKNOWN = {"shift": 1.0, "brake": 2.0, "drive": 1.5}  # m/s²/√Hz: intensity of a force that is not known
+_BRAKE_LAG = 0.3  # s: filter of the acceleration that betrays a brake
+_BRAKE_SIGN = 0.8  # m/s²: missing specific force that betrays a brake while the engine pulls
+_BRAKE_SIGN_COASTING = 0.3  # m/s²: the same with the pedal released, when a brake is likely
+_COASTING = 0.4  # m/s²: drive below which the pedal counts as released
+
+
+class _Input(NamedTuple):
+    accel: Float[Array, ""]
+    gravity_share: Float[Array, ""]
+    intensity: Float[Array, ""]
+    age: Float[Array, ""]
+    speed: Float[Array, ""]
+    sensor_std: Float[Array, " m"]
+
+
+class DrivingModel(StateSpaceModel):
+    """x = [v_x, θ, dθ/d(distance)] and the driving equation (paper 002 eq. 37).
+
+    m_e v̇_x = F − ½ρC_dA v_x|v_x| − m g (f_0 + f_2 v_x²) cos θ sgn v_x − m g sin θ − cornering drag, with m_e
+    the mass and its rotating parts. The drive's acceleration comes in through ``u``.
+    """
+
+    states: tuple[str, ...] = eqx.field(static=True)
+    sensors: tuple[str, ...] = eqx.field(static=True)
+    road: GradePrior
+    drag: Float[Array, ""]
+    rolling: Float[Array, ""]
+    rolling_speed: Float[Array, ""]
+
+    def resistance(self, speed: Float[Array, ""], grade: Float[Array, ""]) -> Float[Array, ""]:
+        """Air and rolling resistance per mass (m/s²), with the sign of the speed (smooth through zero)."""
+        rolling = GRAVITY * (self.rolling + self.rolling_speed * speed**2) * jnp.cos(grade)
+        return self.drag * speed * jnp.abs(speed) + rolling * jnp.tanh(speed / 0.3)
+
+    def f(self, x: Float[Array, " n"], u: _Input, dt: Float[Array, ""]) -> Float[Array, " n"]:
+        """Explicit Euler in v (the noise allows no finer), exact in the road."""
+        resisting = self.resistance(x[0], x[1]) + GRAVITY * jnp.sin(x[1])
+        speed = x[0] + (u.accel - u.gravity_share * resisting) * dt
+        road = self.road.transition(jnp.abs(u.speed) * dt) @ x[1:3]
+        return jnp.concatenate([speed[None], road])
+
+    def h(self, x: Float[Array, " n"], u: _Input) -> Float[Array, " m"]:
+        """Every sensor reads the speed."""
+        return jnp.full(len(self.sensors), x[0])
+
+    def sqrt_Q(self, u: _Input, dt: Float[Array, ""]) -> Float[Array, "n n"]:
+        """Force that is not known, force last seen ``age`` ago, and the road."""
+        variance = u.intensity**2 * dt + _WANDER**2 * random_walk_growth(u.age, dt)
+        return jnp.asarray(
+            jsl.block_diag(jnp.sqrt(variance)[None, None], self.road.sqrt_Q(jnp.abs(u.speed) * dt))
+        )
+
+    def sqrt_R(self, u: _Input) -> Float[Array, "m m"]:
+        """Independent sensors."""
+        return jnp.diag(u.sensor_std)
+
+    def prior(self) -> Gaussian:
+        """Any speed a road car has, and the road's own grade."""
+        std = jnp.concatenate([jnp.asarray([30.0]), self.road.stationary_std])
+        return Gaussian(jnp.zeros(3), jnp.diag(std))
+
+
+class DEBEState(NamedTuple):
+    """Filter state, held inputs, what the driveline did, and the latest validity.
+
+    ``missing`` is the low-passed specific force (m/s²) that the drive does not explain; ``force_error`` the
+    1σ (in units of g) that parameters not known exactly add to the grade.
+    """
+
+    filter: FilterState
+    traction: TractionState
+    yaw_rate: Held
+    steer: Held
+    accel: Held
+    missing: Float[Array, ""]
+    speed_age: Float[Array, ""]
+    force_error: Float[Array, ""]
+    validity: Int[Array, ""]
+
+
+class DEBE(Estimator[DEBEState]):
+    """Driving-equation-based estimator of road grade (paper 002's second rival, eq. 37).
+
+    Needs speed and the drive's torque: at the wheels, or the engine's with its gear ratio or speed. While
+    brakes act with a force that is not known, or a gear changes, the force's noise is inflated: the road's
+    prior carries the grade on, its interval widens, and ``validity`` says why. Where no brake channel is
+    mapped, brakes are recognised from ``accel_x`` if that is there: specific force is all that tires and air
+    do, whatever the slope, so what falls short of the drive's is the brakes'; with neither, a drive that
+    hardly pulls is taken for a possible brake.
+
+    Beyond the paper: rotating inertia, rolling resistance growing with speed, overrun losses, and cornering
+    drag a_y (l_r α_f + l_f α_r)/L from the yaw rate. Errors of mass, efficiency, drag and rolling resistance
+    do not average out; the vehicle file's 1σ of each is part of every standard deviation given.
+
+    Attributes:
+        model: the state-space model.
+        filter: the unscented filter.
+        meter: how speed is read.
+        traction: how force is read.
+    """
+
+    name: ClassVar[str] = "debe"
+    summary: ClassVar[str] = "grade from speed and drive torque (UKF, driving equation)"
+    needs: ClassVar[tuple[Need, ...]] = (
+        Need("a speed", (("speed",), *((f"wheel_speed_{w}",) for w in WHEELS))),
+        Need(
+            "a drive torque",
+            (
+                ("drive_torque_fl", "drive_torque_fr"),
+                ("drive_torque_rl", "drive_torque_rr"),
+                ("engine_torque", "gear_ratio"),
+                ("engine_torque", "engine_speed"),
+                ("engine_torque",),
+            ),
+        ),
+    )
+    optional: ClassVar[tuple[str, ...]] = (
+        *("yaw_rate", "steer", "steering_wheel", "accel_x", "brake"),
+        *(f"{kind}_{w}" for kind in ("brake_torque", "brake_pressure") for w in WHEELS),
+    )
+
+    channels: tuple[str, ...] = eqx.field(static=True)
+    sensors: tuple[str, ...] = eqx.field(static=True)
+    model: DrivingModel
+    filter: UKF
+    meter: SpeedMeter
+    traction: TractionMeter
+    mass: Float[Array, ""]
+    cornering_drag: Float[Array, ""]
+    drive_relative: Float[Array, ""]
+    drag_relative: Float[Array, ""]
+    rolling_std: Float[Array, ""]
+    speed_scale: Float[Array, ""]
+
+    @classmethod
+    def build(cls, vehicle: Vehicle, available: Collection[str], **options: Any) -> Self:
+        """Compose for a vehicle and the channels there.
+
+        Raises:
+            InputError: engine torque without a gear ratio or engine speed on a car with several gears.
+        """
+        meter = SpeedMeter(vehicle, available)
+        traction = TractionMeter(vehicle, available)
+        tires, prior = vehicle.tires, vehicle.prior
+        front_share = vehicle.geometry.cg_to_rear_axle / vehicle.wheelbase
+        torque = (
+            vehicle.sensors.wheel_torque if traction.source == "wheels" else vehicle.sensors.engine_torque
+        )
+        model = DrivingModel(
+            states=("speed", "grade", "grade_rate"),
+            sensors=meter.sensors,
+            road=GradePrior(leaf(prior.grade_std), leaf(prior.grade_correlation_length)),
+            drag=leaf(0.5 * vehicle.aerodynamics.air_density * vehicle.drag_area / vehicle.mass),
+            rolling=leaf(vehicle.rolling_resistance.coefficient),
+            rolling_speed=leaf(vehicle.rolling_resistance.speed_coefficient),
+        )
+        used = [c for c in ("yaw_rate", "accel_x") if c in available]
+        if traction.knows_brakes and "accel_x" in used:
+            used.remove("accel_x")
+        return cls(
+            channels=tuple(dict.fromkeys((*meter.channels, *traction.channels, *used))),
+            sensors=meter.sensors,
+            model=model,
+            filter=UKF(gate=GateRule()),
+            meter=meter,
+            traction=traction,
+            mass=leaf(vehicle.mass),
+            cornering_drag=leaf(
+                front_share / tires.cornering_stiffness_front
+                + (1 - front_share) / tires.cornering_stiffness_rear
+            ),
+            drive_relative=jnp.hypot(torque.relative, prior.mass_relative),
+            drag_relative=leaf(prior.drag_relative),
+            rolling_std=leaf(prior.rolling_resistance_std),
+            speed_scale=leaf(vehicle.sensors.wheel_speed.scale),
+        )
+
+    def init(self) -> DEBEState:
+        """The prior; no sample has come."""
+        empty, zero = Held.empty(), jnp.zeros(())
+        validity = jnp.asarray(int(Validity.SENSOR_MISSING))
+        start = self.filter.init(self.model)
+        return DEBEState(start, self.traction.init(), empty, empty, empty, zero, empty.age, zero, validity)
+
+    def step(self, state: DEBEState, sample: Sample, dt: Float[Array, ""]) -> tuple[DEBEState, Info]:
+        """Predict with the drive's force, correct with the speed."""
+        nothing = jnp.full((), jnp.nan)
+        speed, grade = state.filter.gaussian.mean[0], state.filter.gaussian.mean[1]
+        yaw_rate = state.yaw_rate.take(sample.get("yaw_rate", nothing), dt)
+        steer = state.steer.take(self.meter.steer(sample), dt)
+        accel = state.accel.take(sample.get("accel_x", nothing), dt)
+        traction_state, drive = self.traction.read(state.traction, sample, speed, dt)
+        lateral = speed * jnp.where(yaw_rate.age < _STALE, yaw_rate.value, 0.0)
+        cornering = self.cornering_drag * lateral**2 / GRAVITY
+        known = drive.age < _STALE
+        push = jnp.where(known, drive.force / self.mass, 0.0)
+        explained = push - self.model.resistance(speed, grade) - cornering
+        lag = -jnp.expm1(-dt / _BRAKE_LAG)
+        short = jnp.where(accel.age == 0, accel.value - explained - state.missing, 0.0)
+        missing = state.missing + lag * short
+        braking = self._is_braking(drive, accel, missing)
+        stands = jnp.abs(speed) < STANDSTILL_SPEED
+        intensity = jnp.hypot(_MODEL_NOISE, drive.std / self.mass * jnp.sqrt(_TORQUE_TIME))
+        intensity = jnp.hypot(intensity, jnp.where(drive.is_shifting, _UNKNOWN["shift"], 0.0))
+        intensity = jnp.hypot(intensity, jnp.where(braking, _UNKNOWN["brake"], 0.0))
+        intensity = jnp.hypot(intensity, jnp.where(known & ~stands, 0.0, _UNKNOWN["drive"]))
+        share = self.mass / drive.inertia
+        direction = signed_direction(
+            traction_state.held["gear_ratio"].value if self.traction.source == "gear" else nothing
+        )
+        speeds, speed_std = self.meter.read(
+            sample, jnp.where(yaw_rate.age < _STALE, yaw_rate.value, 0.0), steer.value, direction
+        )
+        u = _Input(
+            accel=share * (push - cornering),
+            gravity_share=share,
+            intensity=intensity,
+            age=jnp.minimum(drive.age, _STALE),
+            speed=speed,
+            sensor_std=speed_std,
+        )
+        filter_state, info = self.filter.step(self.model, state.filter, u, speeds, dt)
+        speed_age = jnp.where(jnp.any(jnp.isfinite(speeds)), 0.0, state.speed_age + dt)
+        validity = jnp.where(drive.is_shifting, int(Validity.GEAR_SHIFT), int(Validity.EXCITED))
+        validity = jnp.where(braking, int(Validity.BRAKING), validity)
+        validity = jnp.where(
+            jnp.abs(filter_state.gaussian.mean[0]) < STANDSTILL_SPEED, int(Validity.STANDSTILL), validity
+        )
+        validity = jnp.where(known & (speed_age < _SILENT), validity, int(Validity.SENSOR_MISSING))
+        validity = jnp.where(info.ok, validity, int(Validity.DIVERGED))
+        error = jnp.sqrt(
+            (self.drive_relative * drive.drive_force / (self.mass * GRAVITY)) ** 2
+            + (self.drag_relative * self.model.drag * speed**2 / GRAVITY) ** 2
+            + self.rolling_std**2
+        )
+        new = DEBEState(
+            filter_state, traction_state, yaw_rate, steer, accel, missing, speed_age, error, validity
+        )
+        return new, info
+
+    def _is_braking(self, drive: Traction, accel: Held, missing: Float[Array, ""]) -> Bool[Array, ""]:
+        if self.traction.knows_brakes:
+            return drive.is_braking
+        coasting = drive.drive_force < _COASTING * self.mass
+        if "accel_x" in self.channels:
+            limit = jnp.where(coasting, _BRAKE_SIGN_COASTING, _BRAKE_SIGN)
+            return (missing < -limit) & (accel.age < _SILENT)
+        return coasting
+
+    def estimate(self, state: DEBEState) -> Estimate:
+        """Grade and speed."""
+        gaussian = self.filter.posterior(state.filter)
+        mean, std = gaussian.mean, gaussian.std
+        return Estimate(
+            {"grade": mean[1], "speed": mean[0]},
+            {
+                "grade": jnp.hypot(std[1], state.force_error),
+                "speed": jnp.hypot(std[0], self.speed_scale * mean[0]),
+            },
+            state.validity,
+        )

@@ -1,0 +1,149 @@
+"""From samples to a model's inputs: signals held between samples, and the speed that wheels tell."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from roadstate.core.channels import WHEELS
+from roadstate.core.errors import InputError
+from roadstate.estimators.base import Sample
+
+if TYPE_CHECKING:
+    from collections.abc import Collection
+
+    from roadstate.vehicles import Vehicle
+
+STANDSTILL_SPEED = 0.3
+"""Below this speed (m/s) the car is taken to stand."""
+_DEAD_BAND = 0.7
+"""Below this speed (m/s) a wheel's tooth sensor may read anything down to zero."""
+_DEAD_BAND_STD = 0.25
+_NEVER = 1e6
+
+
+class Held(NamedTuple):
+    """A channel's latest sample and how old it is (s); a huge age before the first one."""
+
+    value: Float[Array, ""]
+    age: Float[Array, ""]
+
+    @classmethod
+    def empty(cls) -> Held:
+        """Nothing has come yet."""
+        return cls(jnp.zeros(()), jnp.full((), _NEVER))
+
+    def take(self, sample: Float[Array, ""], dt: Float[Array, ""]) -> Held:
+        """A sample ``dt`` later, NaN where none came."""
+        missing = jnp.isnan(sample)
+        return Held(jnp.where(missing, self.value, sample), jnp.where(missing, self.age + dt, 0.0))
+
+
+def random_walk_growth(age: Float[Array, ""], dt: Float[Array, ""]) -> Float[Array, ""]:
+    """Growth over Δt of ∫∫ of a unit random walk that began ``age`` ago: ((age+Δt)³ − age³)/3.
+
+    So the variance that a held input adds to its integral comes out right however the time is cut up.
+    """
+    return dt * (age * (age + dt) + dt * dt / 3)
+
+
+def signed_direction(gear_ratio: Float[Array, ""]) -> Float[Array, ""]:
+    """−1 in a reverse gear, else 1 (also where the ratio is unknown): the sign of an unsigned speed."""
+    return jnp.where(gear_ratio < 0, -1.0, 1.0)
+
+
+class SpeedMeter(eqx.Module):
+    """Velocity of the centre of gravity along x, from each axle's wheel speeds, or from a speed signal.
+
+    A wheel on the rolling circle R gives R ω = v_x cos δ ∓ r T/2 (left minus; exact but for the slip angle),
+    so an axle's mean, each wheel freed of its yaw part, is v_x. The driven axle slips in proportion to its
+    force, hence its extra noise. Both axles are sensors of their own, so a spinning axle can be gated.
+
+    Attributes:
+        channels: canonical channels read.
+        sensors: rows given by :meth:`read`.
+    """
+
+    channels: tuple[str, ...] = eqx.field(static=True)
+    sensors: tuple[str, ...] = eqx.field(static=True)
+    _axles: tuple[int, ...] = eqx.field(static=True)
+    _steering: str | None = eqx.field(static=True)
+    _radius: Float[Array, ""]
+    _half_track: Float[Array, " 2"]
+    _noise: Float[Array, " s"]
+    _steering_ratio: Float[Array, ""]
+
+    def __init__(self, vehicle: Vehicle, available: Collection[str]) -> None:
+        noise: list[float] = []
+        axles: list[int] = []
+        radius = vehicle.wheels.radius
+        for axle, label in enumerate(("front", "rear")):
+            if any(f"wheel_speed_{w}" in available for w in WHEELS[2 * axle : 2 * axle + 2]):
+                driven = vehicle.driveline.driven in (label, "all")
+                axles.append(axle)
+                noise.append(radius * vehicle.sensors.wheel_speed.noise * (2.0 if driven else 1.0))
+        wheels = tuple(f"wheel_speed_{w}" for a in axles for w in WHEELS[2 * a : 2 * a + 2])
+        if axles:
+            self.sensors = tuple(f"wheel_speed_{('front', 'rear')[a]}" for a in axles)
+            used = tuple(w for w in wheels if w in available)
+        elif "speed" in available:
+            self.sensors, used, noise = ("speed",), ("speed",), [vehicle.sensors.speed.noise]
+        else:
+            raise InputError("no speed", mend="map 'speed' or 'wheel_speed_*'")
+        self._steering = None
+        if axles and "steer" in available:
+            self._steering = "steer"
+        elif axles and "steering_wheel" in available and vehicle.steering is not None:
+            self._steering = "steering_wheel"
+        extra = tuple(c for c in (self._steering, "gear_ratio") if c is not None and c in available)
+        self.channels = used + extra
+        self._axles = tuple(axles)
+        self._radius = jnp.asarray(radius)
+        geometry = vehicle.geometry
+        self._half_track = jnp.asarray([geometry.track_front / 2, geometry.track_rear / 2])
+        self._noise = jnp.asarray(noise)
+        self._steering_ratio = jnp.asarray(
+            1.0 if self._steering != "steering_wheel" or vehicle.steering is None else vehicle.steering.ratio
+        )
+
+    def read(
+        self, sample: Sample, yaw_rate: Float[Array, ""], steer: Float[Array, ""], direction: Float[Array, ""]
+    ) -> tuple[Float[Array, " s"], Float[Array, " s"]]:
+        """Speeds (s,) in m/s, NaN where missing, and their standard deviations (s,).
+
+        Args:
+            sample: the channels at this instant.
+            yaw_rate: rad/s.
+            steer: mean front road-wheel angle in rad.
+            direction: −1 where an unsigned speed means backward.
+        """
+        if not self._axles:
+            speeds = jnp.stack([sample["speed"]])
+        else:
+            rows = []
+            for axle in self._axles:
+                along = jnp.cos(steer) if axle == 0 else jnp.ones_like(steer)
+                sides = []
+                for wheel, side in zip(WHEELS[2 * axle : 2 * axle + 2], (1.0, -1.0), strict=True):
+                    if f"wheel_speed_{wheel}" in self.channels:
+                        rolling = self._radius * sample[f"wheel_speed_{wheel}"] * along
+                        signed = jnp.where(rolling < 0, rolling, direction * rolling)
+                        sides.append(signed + side * yaw_rate * self._half_track[axle])
+                both = jnp.stack(sides)
+                here = jnp.isfinite(both)
+                total = jnp.sum(jnp.where(here, both, 0))
+                rows.append(jnp.where(jnp.any(here), total / jnp.maximum(jnp.sum(here), 1), jnp.nan))
+            speeds = jnp.stack(rows)
+        if not self._axles:
+            speeds = jnp.where(speeds < 0, speeds, direction * speeds)
+        slow = jnp.where(jnp.abs(jnp.nan_to_num(speeds)) < _DEAD_BAND, _DEAD_BAND_STD, 0.0)
+        return speeds, jnp.hypot(self._noise, slow)
+
+    def steer(self, sample: Sample) -> Float[Array, ""]:
+        """Mean front road-wheel angle (rad) at this sample, NaN where missing or not measured."""
+        if self._steering is None:
+            return jnp.full((), jnp.nan)
+        return sample[self._steering] / self._steering_ratio

@@ -1,0 +1,199 @@
+"""Force at the wheels from what the driveline and the brakes tell, and when not to believe it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from roadstate.core.channels import WHEELS
+from roadstate.core.errors import InputError
+from roadstate.estimators.base import Sample
+from roadstate.estimators.signals import Held
+
+if TYPE_CHECKING:
+    from collections.abc import Collection
+
+    from roadstate.vehicles import Vehicle
+
+_SLOWEST_RATIO = 2.0  # m/s: below it a ratio of two speeds says nothing
+_SHIFT_TIME = 0.7  # s after a change of gear during which torque and inertia are not what they seem
+_RATIO_JUMP = 0.08  # relative change of ratio between samples that counts as another gear
+_RATIO_RATE = 0.35  # 1/s: relative rate of change of a measured ratio that means slip or a shift
+_BRAKE_RELATIVE = 0.2  # 1σ of a brake's torque per pressure (pads, temperature)
+
+
+class Traction(NamedTuple):
+    """What drives the car at one instant.
+
+    Attributes:
+        force: N along x, brakes included as far as they are known.
+        drive_force: N, the drive's part.
+        std: N, 1σ of ``force`` beyond the relative error of the drive's part.
+        inertia: kg, mass of the car with its rotating parts.
+        age: s since the torque was last seen.
+        is_shifting: the driveline is open, slipping or changing gear.
+        is_braking: a brake channel says that brakes act.
+    """
+
+    force: Float[Array, ""]
+    drive_force: Float[Array, ""]
+    std: Float[Array, ""]
+    inertia: Float[Array, ""]
+    age: Float[Array, ""]
+    is_shifting: Bool[Array, ""]
+    is_braking: Bool[Array, ""]
+
+
+class TractionState(NamedTuple):
+    """Held channels, the last ratio and the time since it last changed (s)."""
+
+    held: dict[str, Held]
+    ratio: Float[Array, ""]
+    since_shift: Float[Array, ""]
+
+
+class TractionMeter(eqx.Module):
+    """Reads wheel torques, or engine torque × ratio × efficiency, and the brakes.
+
+    Sources in order of preference: ``drive_torque_*``; ``engine_torque`` with ``gear_ratio``; with
+    ``engine_speed``, whose quotient with the wheel speed is the ratio in mesh (so that power, not the gear,
+    is what must be known); with neither, a vehicle of one single ratio. Efficiency counts both ways: it
+    lessens the drive and adds to the drag of an overrun engine. The engine's inertia follows the ratio.
+
+    Attributes:
+        channels: canonical channels read.
+        knows_brakes: whether any brake channel is there.
+    """
+
+    channels: tuple[str, ...] = eqx.field(static=True)
+    knows_brakes: bool = eqx.field(static=True)
+    source: str = eqx.field(static=True)
+    _wheels: tuple[str, ...] = eqx.field(static=True)
+    _torque_noise: Float[Array, ""]
+    _radius: Float[Array, ""]
+    _mass: Float[Array, ""]
+    _engine_inertia: Float[Array, ""]
+    _efficiency: Float[Array, ""]
+    _final_drive: Float[Array, ""]
+    _ratio_range: Float[Array, " 2"]
+    _brake_gain: Float[Array, " 4"]
+
+    def __init__(self, vehicle: Vehicle, available: Collection[str]) -> None:
+        driveline = vehicle.driveline
+        ratios = [r * driveline.final_drive for r in driveline.gear_ratios] or [driveline.final_drive]
+        wheels = tuple(f"drive_torque_{w}" for w in WHEELS if f"drive_torque_{w}" in available)
+        if wheels:
+            self.source, used = "wheels", wheels
+            self._torque_noise = jnp.asarray(vehicle.sensors.wheel_torque.noise * len(wheels) ** 0.5)
+        elif "engine_torque" in available:
+            self._torque_noise = jnp.asarray(vehicle.sensors.engine_torque.noise)
+            if "gear_ratio" in available:
+                self.source, used = "gear", ("engine_torque", "gear_ratio")
+            elif "engine_speed" in available:
+                self.source, used = "speeds", ("engine_torque", "engine_speed")
+            elif len(ratios) == 1:
+                self.source, used = "single", ("engine_torque",)
+            else:
+                raise InputError(
+                    "engine torque alone does not give the force at the wheels of a car with several gears",
+                    where=f"vehicle '{vehicle.name}'",
+                    mend="map 'gear_ratio' or 'engine_speed'",
+                )
+        else:
+            raise InputError("no torque", mend="map 'engine_torque' or 'drive_torque_*'")
+        brakes = [f"{kind}_{w}" for kind in ("brake_torque", "brake_pressure") for w in WHEELS]
+        brakes = [b for b in (*brakes, "brake") if b in available]
+        self.knows_brakes = bool(brakes)
+        self.channels = (*used, *brakes)
+        self._wheels = wheels
+        self._radius = jnp.asarray(vehicle.wheels.radius)
+        self._mass = jnp.asarray(vehicle.effective_mass(0.0))
+        self._engine_inertia = jnp.asarray(0.0 if wheels else driveline.engine_inertia)
+        self._efficiency = jnp.asarray(driveline.efficiency)
+        self._final_drive = jnp.asarray(driveline.final_drive)
+        self._ratio_range = jnp.asarray([0.85 * min(ratios), 1.15 * max(ratios)])
+        gains = (0.0, 0.0)
+        if vehicle.brakes is not None:
+            gains = (vehicle.brakes.torque_per_pressure_front, vehicle.brakes.torque_per_pressure_rear)
+        self._brake_gain = jnp.asarray([gains[0], gains[0], gains[1], gains[1]])
+
+    def init(self) -> TractionState:
+        """Nothing has come yet."""
+        return TractionState({c: Held.empty() for c in self.channels}, jnp.zeros(()), jnp.zeros(()))
+
+    def read(
+        self, state: TractionState, sample: Sample, speed: Float[Array, ""], dt: Float[Array, ""]
+    ) -> tuple[TractionState, Traction]:
+        """Take a sample ``dt`` after the last.
+
+        Args:
+            state: from :meth:`init` or the last call.
+            sample: the channels at this instant.
+            speed: m/s, the estimate so far.
+            dt: s.
+        """
+        held = {c: state.held[c].take(sample[c], dt) for c in self.channels}
+        ratio, since_shift, is_shifting = self._gear(state, held, speed, dt)
+        if self.source == "wheels":
+            torque = sum((held[w].value for w in self._wheels), jnp.zeros(()))
+            age = jnp.max(jnp.stack([held[w].age for w in self._wheels]))
+            drive, lever = torque / self._radius, 1 / self._radius
+        else:
+            engine = held["engine_torque"]
+            age = engine.age
+            lever = (
+                ratio
+                / self._radius
+                * jnp.where(engine.value * ratio > 0, self._efficiency, 1 / self._efficiency)
+            )
+            drive = engine.value * lever
+        brake, is_braking = self._brakes(held)
+        std = jnp.hypot(self._torque_noise * lever, _BRAKE_RELATIVE * brake)
+        inertia = self._mass + self._engine_inertia * (ratio / self._radius) ** 2
+        traction = Traction(
+            drive - brake * jnp.sign(speed), drive, std, inertia, age, is_shifting, is_braking
+        )
+        return TractionState(held, ratio, since_shift), traction
+
+    def _gear(
+        self, state: TractionState, held: dict[str, Held], speed: Float[Array, ""], dt: Float[Array, ""]
+    ) -> tuple[Float[Array, ""], Float[Array, ""], Bool[Array, ""]]:
+        """Total ratio in mesh, time since it last changed (s), and whether it is changing or open."""
+        never = jnp.full((), 1e3)
+        if self.source in ("wheels", "single"):
+            return self._final_drive * jnp.ones(()), never, jnp.zeros((), bool)
+        if self.source == "gear":
+            ratio = held["gear_ratio"].value * self._final_drive
+            changed = jnp.abs(ratio - state.ratio) > _RATIO_JUMP * jnp.abs(state.ratio)
+            is_open = ratio == 0
+        else:
+            # measured where both speeds are new; else the gear last seen is still in mesh
+            new = (held["engine_speed"].age == 0) & (jnp.abs(speed) > _SLOWEST_RATIO)
+            quotient = held["engine_speed"].value * self._radius / jnp.maximum(jnp.abs(speed), _SLOWEST_RATIO)
+            gap = jnp.maximum(state.held["engine_speed"].age + dt, 1e-3)
+            ratio = jnp.where(new, quotient, state.ratio)
+            drift = jnp.abs(ratio - state.ratio) / jnp.maximum(jnp.abs(state.ratio), 1e-3)
+            changed = new & (drift > jnp.maximum(_RATIO_RATE * gap, _RATIO_JUMP))
+            low, high = self._ratio_range
+            is_open = (ratio < low) | (ratio > high) | (jnp.abs(speed) <= _SLOWEST_RATIO)
+            ratio = jnp.clip(ratio, low, high)
+        since = jnp.where(changed, 0.0, state.since_shift + dt)
+        return ratio, since, is_open | (since < _SHIFT_TIME)
+
+    def _brakes(self, held: dict[str, Held]) -> tuple[Float[Array, ""], Bool[Array, ""]]:
+        """Known brake force (N, ≥ 0) and whether brakes act."""
+        torque = jnp.zeros(())
+        pressed = jnp.zeros((), bool)
+        for i, wheel in enumerate(WHEELS):
+            if f"brake_torque_{wheel}" in held:
+                torque += jnp.abs(held[f"brake_torque_{wheel}"].value)
+            elif f"brake_pressure_{wheel}" in held:
+                torque += self._brake_gain[i] * jnp.abs(held[f"brake_pressure_{wheel}"].value)
+                pressed |= held[f"brake_pressure_{wheel}"].value > 1e5
+        if "brake" in held:
+            pressed |= held["brake"].value > 0
+        force = torque / self._radius
+        return force, pressed | (force > 0.02 * self._mass)
