@@ -1,0 +1,30 @@
+"""Log files in, log files out. Names are imported when first used: the command line starts without."""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from roadstate.io.files import read, read_all, write
+    from roadstate.io.formats import all_formats
+    from roadstate.io.mapping import Mapping, load_mapping
+    from roadstate.io.suggest import suggest
+
+__all__ = ["Mapping", "all_formats", "load_mapping", "read", "read_all", "suggest", "write"]
+
+_HOME = {
+    "Mapping": "mapping",
+    "all_formats": "formats",
+    "load_mapping": "mapping",
+    "read": "files",
+    "read_all": "files",
+    "suggest": "suggest",
+    "write": "files",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
