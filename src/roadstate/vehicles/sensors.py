@@ -1,0 +1,137 @@
+"""How well a car measures, and how well its figures and its roads are known before the drive.
+
+Every default is a choice for an ordinary production car's signals, on the cautious side; a vehicle file
+states its own where they are known. A standard deviation of zero is refused where an estimator divides by it.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict
+
+from roadstate.vehicles.quantity import Quantity
+
+_AccelerationDensity = Annotated[float, Quantity("m/s^2/Hz^0.5", 1e-6, 10)]
+_Acceleration = Annotated[float, Quantity("m/s^2", 0, 20)]
+_YawRateNoise = Annotated[float, Quantity("rad/s", 1e-6, 1)]
+_YawRateBias = Annotated[float, Quantity("rad/s", 0, 1)]
+_WheelSpeedNoise = Annotated[float, Quantity("rad/s", 1e-6, 10)]
+_SpeedNoise = Annotated[float, Quantity("m/s", 1e-6, 50)]
+_TorqueNoise = Annotated[float, Quantity("N*m", 0, 1e5)]
+_AltitudeNoise = Annotated[float, Quantity("m", 1e-4, 1000)]
+_Share = Annotated[float, Quantity("-", 0, 1)]
+_Grade = Annotated[float, Quantity("rad", 1e-4, 0.5, is_slope=True)]
+_RoadLength = Annotated[float, Quantity("m", 1, 1e5)]
+_RollingCoefficient = Annotated[float, Quantity("-", 0, 0.1)]
+_PitchGradient = Annotated[float, Quantity("rad/(m/s^2)", 0, 0.05)]
+
+
+class Section(BaseModel):
+    """A section of the vehicle file: frozen, no keys but its own, each field's docstring in the schema."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+
+
+class Accelerometer(Section):
+    """The accelerometer, as it is on the road: the body's vibration counts as noise."""
+
+    noise_density: _AccelerationDensity = 0.03
+    """White noise n: the integral over t seconds has 1σ = n √t, a sample at f Hz has 1σ = n √f"""
+    bias: _Acceleration = 0.1
+    """1σ of the constant error, mounting angle included (0.1 m/s² is 1 % of grade)"""
+
+
+class YawRateSensor(Section):
+    """The yaw-rate sensor."""
+
+    noise: _YawRateNoise = 0.005
+    """1σ of a sample"""
+    bias: _YawRateBias = 0.005
+    """1σ of the constant error"""
+
+
+class WheelSpeedSensor(Section):
+    """The wheel-speed sensors."""
+
+    noise: _WheelSpeedNoise = 0.1
+    """1σ of a sample"""
+    scale: _Share = 0.01
+    """1σ of the relative error of the speed, from a rolling radius that is not known exactly"""
+
+
+class SpeedSensor(Section):
+    """The speed signal, where there is no wheel speed."""
+
+    noise: _SpeedNoise = 0.15
+    """1σ of a sample, rounding included"""
+
+
+class TorqueSensor(Section):
+    """A torque the car reports."""
+
+    noise: _TorqueNoise = 5.0
+    """1σ of the part that does not depend on the torque"""
+    relative: _Share = 0.05
+    """1σ as a share of the torque"""
+
+
+class WheelTorqueSensor(TorqueSensor):
+    """A torque the car reports for a wheel."""
+
+    noise: _TorqueNoise = 20.0
+    """1σ of the part that does not depend on the torque"""
+    relative: _Share = 0.03
+    """1σ as a share of the torque"""
+
+
+class AltitudeSensor(Section):
+    """The height from GNSS or barometer."""
+
+    noise: _AltitudeNoise = 2.0
+    """1σ of a sample"""
+
+
+class VerticalSpeedSensor(Section):
+    """The rate of climb from GNSS."""
+
+    noise: _SpeedNoise = 0.15
+    """1σ of a sample"""
+
+
+class Sensors(Section):
+    """How well the car measures."""
+
+    accel: Accelerometer = Accelerometer()
+    """Accelerometer"""
+    yaw_rate: YawRateSensor = YawRateSensor()
+    """Yaw-rate sensor"""
+    wheel_speed: WheelSpeedSensor = WheelSpeedSensor()
+    """Wheel-speed sensors"""
+    speed: SpeedSensor = SpeedSensor()
+    """Speed signal"""
+    engine_torque: TorqueSensor = TorqueSensor()
+    """Engine's (or motor's) torque as the car reports it"""
+    wheel_torque: WheelTorqueSensor = WheelTorqueSensor()
+    """Drive torque of a wheel as the car reports it"""
+    altitude: AltitudeSensor = AltitudeSensor()
+    """Height"""
+    vertical_speed: VerticalSpeedSensor = VerticalSpeedSensor()
+    """Rate of climb"""
+
+
+class Prior(Section):
+    """What is known before the drive: the roads' grade, and how exact the figures of this file are (1σ)."""
+
+    grade_std: _Grade = 0.04
+    """1σ of the grade of the roads driven; 4 % is hilly, 2 % flat country"""
+    grade_correlation_length: _RoadLength = 150.0
+    """Distance over which the grade of the road stays alike (its correlation falls to 1/e)"""
+    mass_relative: _Share = 0.05
+    """1σ of the mass, as a share of it (load and passengers)"""
+    drag_relative: _Share = 0.1
+    """1σ of drag coefficient × area × air density, as a share of it (wind not included)"""
+    rolling_resistance_std: _RollingCoefficient = 0.002
+    """1σ of the rolling-resistance coefficient"""
+    pitch_gradient_std: _PitchGradient = 0.002
+    """1σ of the body's pitch gradient"""
