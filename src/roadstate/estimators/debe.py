@@ -35,10 +35,12 @@ _SILENT = 3.0  # s without speed after which the estimate is called a prediction
 _MODEL_NOISE = 0.05  # m/s²/√Hz: gusts, slip, driveline oscillation
 _WANDER = 0.3  # m/s²/√s: how the drive's acceleration wanders while no torque is seen
 _TORQUE_TIME = 0.1  # s: correlation time of the torque signal's noise
+_BRAKE_TIME = 1.0  # s: of the error of a brake's force
 _UNKNOWN = {"shift": 1.0, "brake": 2.0, "drive": 1.5}  # m/s²/√Hz: intensity of a force that is not known
 _BRAKE_LAG = 0.3  # s: filter of the acceleration that betrays a brake
 _BRAKE_SIGN = 0.8  # m/s²: missing specific force that betrays a brake while the engine pulls
 _BRAKE_SIGN_COASTING = 0.3  # m/s²: the same with the pedal released, when a brake is likely
+_UNSEEN_BRAKE = 0.15  # m/s²: 1σ of a brake too light to be recognised, with the pedal released
 _COASTING = 0.4  # m/s²: drive below which the pedal counts as released
 
 
@@ -236,11 +238,13 @@ class DEBE(Estimator[DEBEState]):
         lag = -jnp.expm1(-dt / _BRAKE_LAG)
         short = jnp.where(accel.age == 0, accel.value - explained - state.missing, 0.0)
         missing = state.missing + lag * short
-        braking = self._is_braking(drive, accel, missing)
+        coasting = drive.drive_force < _COASTING * self.mass
+        braking, unknown = self._brakes(drive, coasting, accel, missing)
         stands = jnp.abs(speed) < STANDSTILL_SPEED
-        intensity = jnp.hypot(_MODEL_NOISE, drive.std / self.mass * jnp.sqrt(_TORQUE_TIME))
+        intensity = jnp.hypot(_MODEL_NOISE, drive.torque_std / self.mass * _TORQUE_TIME**0.5)
+        intensity = jnp.hypot(intensity, drive.brake_std / self.mass * _BRAKE_TIME**0.5)
         intensity = jnp.hypot(intensity, jnp.where(drive.is_shifting, _UNKNOWN["shift"], 0.0))
-        intensity = jnp.hypot(intensity, jnp.where(braking, _UNKNOWN["brake"], 0.0))
+        intensity = jnp.hypot(intensity, jnp.where(unknown, _UNKNOWN["brake"], 0.0))
         intensity = jnp.hypot(intensity, jnp.where(known & ~stands, 0.0, _UNKNOWN["drive"]))
         share = self.mass / drive.inertia
         direction = signed_direction(
@@ -270,20 +274,24 @@ class DEBE(Estimator[DEBEState]):
             (self.drive_relative * drive.drive_force / (self.mass * GRAVITY)) ** 2
             + (self.drag_relative * self.model.drag * speed**2 / GRAVITY) ** 2
             + self.rolling_std**2
+            + jnp.where(coasting & (not self.traction.knows_brakes), _UNSEEN_BRAKE / GRAVITY, 0.0) ** 2
         )
         new = DEBEState(
             filter_state, traction_state, yaw_rate, steer, accel, missing, speed_age, error, validity
         )
         return new, info
 
-    def _is_braking(self, drive: Traction, accel: Held, missing: Float[Array, ""]) -> Bool[Array, ""]:
+    def _brakes(
+        self, drive: Traction, coasting: Bool[Array, ""], accel: Held, missing: Float[Array, ""]
+    ) -> tuple[Bool[Array, ""], Bool[Array, ""]]:
+        """Whether brakes act, and whether with a force that is not known."""
         if self.traction.knows_brakes:
-            return drive.is_braking
-        coasting = drive.drive_force < _COASTING * self.mass
+            return drive.is_braking, drive.is_brake_unknown
+        suspected = coasting
         if "accel_x" in self.channels:
             limit = jnp.where(coasting, _BRAKE_SIGN_COASTING, _BRAKE_SIGN)
-            return (missing < -limit) & (accel.age < _SILENT)
-        return coasting
+            suspected = (missing < -limit) & (accel.age < _SILENT)
+        return suspected, suspected
 
     def estimate(self, state: DEBEState) -> Estimate:
         """Grade and speed."""

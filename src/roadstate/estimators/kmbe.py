@@ -125,9 +125,9 @@ class KMBE(Estimator[KMBEState]):
     gradient); a road whose grade is smooth along its length; and, only where GNSS vertical speed or altitude
     observes it, the accelerometer's bias.
 
-    Needs speed and ``accel_x``. Assumes an IMU near the centre of gravity. Without something that observes it,
-    a bias of b m/s² is a grade error of 100 b/g %: the vehicle file's 1σ of the bias is then part of every
-    standard deviation given, as is that of the pitch gradient.
+    Needs speed and ``accel_x``. Assumes an IMU near the centre of gravity. Where nothing observes it, a bias
+    of b m/s² is a grade error of 100 b/g %: the vehicle file's 1σ of the bias is then part of every standard
+    deviation given, as is that of the pitch gradient.
 
     Attributes:
         model: the state-space model.

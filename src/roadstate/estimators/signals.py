@@ -22,6 +22,7 @@ STANDSTILL_SPEED = 0.3
 _DEAD_BAND = 0.7
 """Below this speed (m/s) a wheel's tooth sensor may read anything down to zero."""
 _DEAD_BAND_STD = 0.25
+_DRIVEN_NOISE = 2.0  # how much less a driven axle is trusted than one that rolls freely
 _NEVER = 1e6
 
 
@@ -59,8 +60,9 @@ class SpeedMeter(eqx.Module):
     """Velocity of the centre of gravity along x, from each axle's wheel speeds, or from a speed signal.
 
     A wheel on the rolling circle R gives R ω = v_x cos δ ∓ r T/2 (left minus; exact but for the slip angle),
-    so an axle's mean, each wheel freed of its yaw part, is v_x. The driven axle slips in proportion to its
-    force, hence its extra noise. Both axles are sensors of their own, so a spinning axle can be gated.
+    so an axle's mean, each wheel freed of its yaw part, is v_x. A driven axle slips in proportion to its
+    force, hence its extra noise where the other rolls freely. Both axles are sensors of their own, so that a
+    spinning one can be gated.
 
     Attributes:
         channels: canonical channels read.
@@ -82,9 +84,9 @@ class SpeedMeter(eqx.Module):
         radius = vehicle.wheels.radius
         for axle, label in enumerate(("front", "rear")):
             if any(f"wheel_speed_{w}" in available for w in WHEELS[2 * axle : 2 * axle + 2]):
-                driven = vehicle.driveline.driven in (label, "all")
+                slips = vehicle.driveline.driven == label
                 axles.append(axle)
-                noise.append(radius * vehicle.sensors.wheel_speed.noise * (2.0 if driven else 1.0))
+                noise.append(radius * vehicle.sensors.wheel_speed.noise * (_DRIVEN_NOISE if slips else 1.0))
         wheels = tuple(f"wheel_speed_{w}" for a in axles for w in WHEELS[2 * a : 2 * a + 2])
         if axles:
             self.sensors = tuple(f"wheel_speed_{('front', 'rear')[a]}" for a in axles)

@@ -23,6 +23,8 @@ _SHIFT_TIME = 0.7  # s after a change of gear during which torque and inertia ar
 _RATIO_JUMP = 0.08  # relative change of ratio between samples that counts as another gear
 _RATIO_RATE = 0.35  # 1/s: relative rate of change of a measured ratio that means slip or a shift
 _BRAKE_RELATIVE = 0.2  # 1σ of a brake's torque per pressure (pads, temperature)
+_LEAST_BRAKING = 0.15  # m/s²: measured brake torque below it is noise or drag
+_LEAST_PRESSURE = 1e5  # Pa: as much holds the pads back
 
 
 class Traction(NamedTuple):
@@ -31,20 +33,24 @@ class Traction(NamedTuple):
     Attributes:
         force: N along x, brakes included as far as they are known.
         drive_force: N, the drive's part.
-        std: N, 1σ of ``force`` beyond the relative error of the drive's part.
+        torque_std: N, 1σ of the torque signal's noise.
+        brake_std: N, 1σ of the brakes' part, which keeps as long as the brakes act.
         inertia: kg, mass of the car with its rotating parts.
         age: s since the torque was last seen.
         is_shifting: the driveline is open, slipping or changing gear.
         is_braking: a brake channel says that brakes act.
+        is_brake_unknown: they act with a force that no channel tells.
     """
 
     force: Float[Array, ""]
     drive_force: Float[Array, ""]
-    std: Float[Array, ""]
+    torque_std: Float[Array, ""]
+    brake_std: Float[Array, ""]
     inertia: Float[Array, ""]
     age: Float[Array, ""]
     is_shifting: Bool[Array, ""]
     is_braking: Bool[Array, ""]
+    is_brake_unknown: Bool[Array, ""]
 
 
 class TractionState(NamedTuple):
@@ -72,6 +78,7 @@ class TractionMeter(eqx.Module):
     knows_brakes: bool = eqx.field(static=True)
     source: str = eqx.field(static=True)
     _wheels: tuple[str, ...] = eqx.field(static=True)
+    _measures_brakes: bool = eqx.field(static=True)
     _torque_noise: Float[Array, ""]
     _radius: Float[Array, ""]
     _mass: Float[Array, ""]
@@ -107,6 +114,10 @@ class TractionMeter(eqx.Module):
         brakes = [f"{kind}_{w}" for kind in ("brake_torque", "brake_pressure") for w in WHEELS]
         brakes = [b for b in (*brakes, "brake") if b in available]
         self.knows_brakes = bool(brakes)
+        self._measures_brakes = any(
+            b.startswith("brake_torque") or (b.startswith("brake_pressure") and vehicle.brakes is not None)
+            for b in brakes
+        )
         self.channels = (*used, *brakes)
         self._wheels = wheels
         self._radius = jnp.asarray(vehicle.wheels.radius)
@@ -150,11 +161,18 @@ class TractionMeter(eqx.Module):
                 * jnp.where(engine.value * ratio > 0, self._efficiency, 1 / self._efficiency)
             )
             drive = engine.value * lever
-        brake, is_braking = self._brakes(held)
-        std = jnp.hypot(self._torque_noise * lever, _BRAKE_RELATIVE * brake)
+        brake, pressed = self._brakes(held)
         inertia = self._mass + self._engine_inertia * (ratio / self._radius) ** 2
         traction = Traction(
-            drive - brake * jnp.sign(speed), drive, std, inertia, age, is_shifting, is_braking
+            force=drive - brake * jnp.sign(speed),
+            drive_force=drive,
+            torque_std=jnp.abs(self._torque_noise * lever),
+            brake_std=_BRAKE_RELATIVE * brake,
+            inertia=inertia,
+            age=age,
+            is_shifting=is_shifting,
+            is_braking=pressed | (brake > _LEAST_BRAKING * self._mass),
+            is_brake_unknown=pressed & (not self._measures_brakes),
         )
         return TractionState(held, ratio, since_shift), traction
 
@@ -184,7 +202,7 @@ class TractionMeter(eqx.Module):
         return ratio, since, is_open | (since < _SHIFT_TIME)
 
     def _brakes(self, held: dict[str, Held]) -> tuple[Float[Array, ""], Bool[Array, ""]]:
-        """Known brake force (N, ≥ 0) and whether brakes act."""
+        """Known brake force (N, ≥ 0) and whether pedal or pressure say that brakes act."""
         torque = jnp.zeros(())
         pressed = jnp.zeros((), bool)
         for i, wheel in enumerate(WHEELS):
@@ -192,8 +210,7 @@ class TractionMeter(eqx.Module):
                 torque += jnp.abs(held[f"brake_torque_{wheel}"].value)
             elif f"brake_pressure_{wheel}" in held:
                 torque += self._brake_gain[i] * jnp.abs(held[f"brake_pressure_{wheel}"].value)
-                pressed |= held[f"brake_pressure_{wheel}"].value > 1e5
+                pressed |= held[f"brake_pressure_{wheel}"].value > _LEAST_PRESSURE
         if "brake" in held:
             pressed |= held["brake"].value > 0
-        force = torque / self._radius
-        return force, pressed | (force > 0.02 * self._mass)
+        return torque / self._radius, pressed
