@@ -1,0 +1,118 @@
+"""Which column of a table is the time, and its seconds."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from roadstate.core import InputError
+from roadstate.core.units import convert
+
+_NAME = re.compile(
+    r"(?:t|time|times|timestamp|timestamps|time_stamp|datetime|date_time|zeit|zeitstempel"
+    r"|t_unix|unix|unix_time|time_unix|epoch|t_rel|rel_time|elapsed_time|time_elapsed)"
+    r"(?:_(?P<unit>s|sec|secs|seconds|ms|us|ns|min|h|utc))?"
+)
+_UNIT_OF_SUFFIX = {"sec": "s", "secs": "s", "seconds": "s", "utc": "s"}
+_IN_MAPPING = "name it in the mapping ('time: {column: NAME}')"
+_ABSOLUTE = 1e8  # s; a log that runs for three years is none, so a larger time counts from 1970
+_FAR_FUTURE = 1e11  # s after 1970; such a number is in another unit
+
+
+def find_time(headers: Sequence[str], names: Sequence[str], wanted: str | None, where: str) -> int:
+    """The position of the time column.
+
+    Args:
+        headers: columns as written (``Time [s]``).
+        names: the same without units (``Time``).
+        wanted: the column named by the user, as header or name; ``None`` searches for a usual name.
+        where: the file, for messages.
+
+    Raises:
+        InputError: none or several qualify.
+    """
+    if wanted is not None:
+        found = [i for i, (h, n) in enumerate(zip(headers, names, strict=True)) if wanted.strip() in (h, n)]
+        mend = "name one of these in the mapping"
+        problem = f"no column '{wanted}'"
+    else:
+        found = [i for i, n in enumerate(names) if _NAME.fullmatch(_plain(n))]
+        mend = f"call it 'time [s]', or {_IN_MAPPING}"
+        problem = "no time column"
+    if len(found) == 1:
+        return found[0]
+    if found:
+        several = " and ".join(f"'{headers[i]}'" for i in found)
+        raise InputError(f"more than one time column: {several}", where=where, mend=_IN_MAPPING)
+    raise InputError(f"{problem}; there are {_listed(headers)}", where=where, mend=mend)
+
+
+def time_unit(name: str, unit: str | None) -> str:
+    """The unit of a time column: as given, else its name's suffix (``t_ms``), else seconds."""
+    if unit:
+        return unit
+    match = _NAME.fullmatch(_plain(name))
+    suffix = (match["unit"] if match else None) or "s"
+    return _UNIT_OF_SUFFIX.get(suffix, suffix)
+
+
+def seconds(values: NDArray[Any], unit: str, where: str) -> tuple[NDArray[np.float64], str | None]:
+    """Seconds since the start, and the start itself where the column holds absolute time.
+
+    Calendar times (taken as UTC where they name no zone) and times since 1970 become times since the first
+    sample; integers lose nothing by it. Other times stay as they are.
+
+    Args:
+        values: (T,) ``datetime64``, integers or floats; NaN or NaT where missing.
+        unit: of the numbers.
+        where: file and column, for messages.
+
+    Returns:
+        (T,) in s, and the first sample's ISO text in UTC or ``None``.
+
+    Raises:
+        InputError: the unit is none of time, nothing is there, or the numbers lie beyond any date.
+    """
+    if values.dtype.kind == "M":
+        missing = np.isnat(values)
+        values, unit = values.astype("datetime64[ns]").astype(np.int64), "ns"
+    else:
+        missing = np.isnan(values) if values.dtype.kind == "f" else np.zeros(len(values), bool)
+    if missing.all():
+        raise InputError(
+            "the time column is empty", where=where, mend="fill it, or name another one in the mapping"
+        )
+    if values.dtype.kind == "u":
+        values = values.astype(np.int64)
+    first = values[int(np.argmin(missing))]
+    try:
+        start = float(convert(float(first), unit, "s"))
+        is_absolute = abs(start) > _ABSOLUTE
+        if is_absolute and not abs(start) < _FAR_FUTURE:
+            raise InputError(f"the time starts at {start:.6g} s")
+        elapsed = values - first if is_absolute else values
+        time = convert(np.asarray(elapsed, dtype=np.float64), unit, "s")
+    except InputError as error:
+        mend = "give the time's unit in the header ('time [ms]') or the mapping ('time: {unit: ms}')"
+        raise InputError(error.what, where=where, mend=mend) from error
+    if missing.any():
+        time = np.where(missing, np.nan, time)
+    if not is_absolute:
+        return time, None
+    if np.issubdtype(values.dtype, np.integer):
+        whole = int(first) * round(float(convert(1.0, unit, "ns")))
+        return time, str(np.datetime64(whole, "ns"))
+    return time, str(np.datetime64(round(start * 1e6), "us"))
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
+
+
+def _listed(headers: Sequence[str]) -> str:
+    shown = ", ".join(f"'{h[:40]}'" for h in headers[:20])
+    return shown + (f" and {len(headers) - 20} more" if len(headers) > 20 else "")
