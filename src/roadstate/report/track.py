@@ -1,0 +1,103 @@
+"""The report's map: where the car went, coloured by the road's grade."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from roadstate.core import Estimates, Log
+from roadstate.metrics import presented
+from roadstate.report import backend, style
+from roadstate.report.downsample import select
+from roadstate.report.figures import Panel
+
+Array = NDArray[np.float64]
+
+_EARTH_RADIUS = 6_371_008.8  # m, mean (IUGG)
+_HEIGHT = 460  # px
+
+
+def local_metres(latitude: Array, longitude: Array) -> tuple[Array, Array]:
+    """East and north of the first fix on a local equirectangular projection.
+
+    Args:
+        latitude: (N,) deg, finite.
+        longitude: (N,) deg, finite; may cross the date line.
+
+    Returns:
+        East and north, each (N,) m.
+    """
+    turned = (longitude - longitude[0] + 180.0) % 360.0 - 180.0
+    east = _EARTH_RADIUS * math.cos(math.radians(float(latitude[0]))) * np.radians(turned)
+    return east, _EARTH_RADIUS * np.radians(latitude - latitude[0])
+
+
+def track_panel(log: Log, name: str, estimates: Estimates | None, points: int) -> Panel | None:
+    """The track in local metres, equal scale on both axes, nothing fetched from the net.
+
+    Args:
+        log: has ``latitude`` and ``longitude``; otherwise there is no panel.
+        name: the estimator whose grade colours the track.
+        estimates: its result; without a grade the track is drawn in one colour.
+        points: fixes drawn; each stands for the steepest of its bin.
+    """
+    if not {"latitude", "longitude"} <= log.available:
+        return None
+    latitude, longitude = log["latitude"], log["longitude"]
+    somewhere = (latitude != 0) | (longitude != 0)  # receivers without a fix report 0, 0
+    fixes = np.flatnonzero(np.isfinite(latitude) & np.isfinite(longitude) & somewhere)
+    if len(fixes) < 2:
+        return None
+    east, north = local_metres(latitude[fixes], longitude[fixes])
+    time = log.time[fixes]
+    grade = estimates.values.get("grade") if estimates is not None else None
+    slope = np.zeros(len(fixes)) if grade is None else presented("grade", grade[fixes])
+    chosen = select(time, np.nan_to_num(slope), points)
+    return _figure(
+        chosen.take(east), chosen.take(north), chosen.take(slope), time[chosen.index], name, grade is not None
+    )
+
+
+def _figure(east: Array, north: Array, slope: Array, time: Array, name: str, coloured: bool) -> Panel:
+    models = backend.models()
+    # no wider than the track needs at equal scale, so that the map is not mostly empty
+    extent = [float(np.nanmax(v) - np.nanmin(v)) for v in (east, north)]
+    width = 260 + (_HEIGHT - 110) * extent[0] / max(extent[1], 1.0)
+    plot = backend.load("bokeh.plotting").figure(
+        height=_HEIGHT,
+        max_width=int(min(max(width, 640), 1500)),
+        sizing_mode="stretch_width",
+        match_aspect=True,
+        tools="pan,box_zoom,reset,save",
+        active_drag="pan",
+        toolbar_location="right",
+        min_border_left=116,
+        x_axis_label="east [m]",
+        y_axis_label="north [m]",
+    )
+    backend.place_tools(plot, models.WheelZoomTool())
+    data = {k: v.astype(np.float32) for k, v in (("x", east), ("y", north), ("slope", slope), ("t", time))}
+    source = backend.source(data)
+    plot.line("x", "y", source=source, line_color="#9A9A9A", line_width=1.5)
+    tips = [("time", "@t{0.0} s"), ("east, north", "@x{0} m, @y{0} m")]
+    if coloured:
+        steep = float(np.nanpercentile(np.abs(slope), 99)) if np.isfinite(slope).any() else 1.0
+        mapper = models.LinearColorMapper(list(style.SLOPES), low=-max(steep, 0.5), high=max(steep, 0.5))
+        fill = {"field": "slope", "transform": mapper}
+        dots = plot.scatter("x", "y", source=source, size=6, line_color=None, fill_color=fill)
+        plot.add_layout(models.ColorBar(color_mapper=mapper, width=14), "right")
+        tips.insert(0, ("grade", "@slope{0.00} %"))
+    else:
+        dots = plot.scatter("x", "y", source=source, size=4, color=style.ESTIMATORS[0])
+    plot.add_tools(models.HoverTool(renderers=[dots], tooltips=tips, visible=False))
+    seen = np.flatnonzero(np.isfinite(east))
+    look = {"size": 12, "fill_color": "#FFFFFF", "line_color": style.TEXT, "line_width": 2}
+    items = []
+    for k, label, marker in ((seen[0], "start", "triangle"), (seen[-1], "end", "square")):
+        place = plot.scatter([float(east[k])], [float(north[k])], marker=marker, **look)
+        items.append(models.LegendItem(label=label, renderers=[place]))
+    plot.add_layout(models.Legend(items=items, orientation="horizontal", location="top_left"), "above")
+    heading = f"Track, coloured by the grade [%] that {name} estimates" if coloured else "Track"
+    return Panel(heading, plot)
