@@ -84,7 +84,7 @@ def test_optional_sections_have_defaults_or_are_absent() -> None:
     assert car.steering is None
     assert car.brakes is None
     assert car.source == "not stated"
-    assert car.prior.grade_std == 0.04
+    assert car.prior.grade_std == 0.08
     assert car.sensors.accel.noise_density > 0
 
 

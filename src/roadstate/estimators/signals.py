@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from roadstate.core.channels import WHEELS
 from roadstate.core.errors import InputError
@@ -38,9 +38,9 @@ class Held(NamedTuple):
         return cls(jnp.zeros(()), jnp.full((), _NEVER))
 
     def take(self, sample: Float[Array, ""], dt: Float[Array, ""]) -> Held:
-        """A sample ``dt`` later, NaN where none came."""
-        missing = jnp.isnan(sample)
-        return Held(jnp.where(missing, self.value, sample), jnp.where(missing, self.age + dt, 0.0))
+        """A sample ``dt`` later, NaN where none came (an infinite one is none)."""
+        here = jnp.isfinite(sample)
+        return Held(jnp.where(here, sample, self.value), jnp.where(here, 0.0, self.age + dt))
 
 
 def random_walk_growth(age: Float[Array, ""], dt: Float[Array, ""]) -> Float[Array, ""]:
@@ -56,11 +56,17 @@ def signed_direction(gear_ratio: Float[Array, ""]) -> Float[Array, ""]:
     return jnp.where(gear_ratio < 0, -1.0, 1.0)
 
 
+def _split(sample: Float[Array, ""]) -> tuple[Bool[Array, ""], Float[Array, ""]]:
+    """Whether a sample is there, and its value or 0: a NaN would spoil the derivative by any factor of it."""
+    seen = jnp.isfinite(sample)
+    return seen, jnp.where(seen, sample, 0.0)
+
+
 class SpeedMeter(eqx.Module):
     """Velocity of the centre of gravity along x, from each axle's wheel speeds, or from a speed signal.
 
-    A wheel on the rolling circle R gives R ω = v_x cos δ ∓ r T/2 (left minus; exact but for the slip angle),
-    so an axle's mean, each wheel freed of its yaw part, is v_x. A driven axle slips in proportion to its
+    A wheel of rolling radius R gives R ω cos δ = v_x ∓ r T/2 (left minus; exact but for the slip angle), so
+    an axle's mean, each wheel freed of its yaw part, is v_x. A driven axle slips in proportion to its
     force, hence its extra noise where the other rolls freely. Both axles are sensors of their own, so that a
     spinning one can be gated.
 
@@ -124,23 +130,23 @@ class SpeedMeter(eqx.Module):
         """
         if not self._axles:
             speeds = jnp.stack([sample["speed"]])
+            speeds = jnp.where(speeds < 0, speeds, direction * speeds)
         else:
             rows = []
             for axle in self._axles:
                 along = jnp.cos(steer) if axle == 0 else jnp.ones_like(steer)
-                sides = []
+                here, sides = [], []
                 for wheel, side in zip(WHEELS[2 * axle : 2 * axle + 2], (1.0, -1.0), strict=True):
                     if f"wheel_speed_{wheel}" in self.channels:
-                        rolling = self._radius * sample[f"wheel_speed_{wheel}"] * along
+                        seen, turning = _split(sample[f"wheel_speed_{wheel}"])
+                        rolling = self._radius * turning * along
                         signed = jnp.where(rolling < 0, rolling, direction * rolling)
-                        sides.append(signed + side * yaw_rate * self._half_track[axle])
-                both = jnp.stack(sides)
-                here = jnp.isfinite(both)
-                total = jnp.sum(jnp.where(here, both, 0))
-                rows.append(jnp.where(jnp.any(here), total / jnp.maximum(jnp.sum(here), 1), jnp.nan))
+                        here.append(seen)
+                        sides.append(jnp.where(seen, signed + side * yaw_rate * self._half_track[axle], 0))
+                count = sum(here, jnp.zeros((), jnp.int32))
+                mean = sum(sides, jnp.zeros(())) / jnp.maximum(count, 1)
+                rows.append(jnp.where(count > 0, mean, jnp.nan))
             speeds = jnp.stack(rows)
-        if not self._axles:
-            speeds = jnp.where(speeds < 0, speeds, direction * speeds)
         slow = jnp.where(jnp.abs(jnp.nan_to_num(speeds)) < _DEAD_BAND, _DEAD_BAND_STD, 0.0)
         return speeds, jnp.hypot(self._noise, slow)
 
@@ -148,4 +154,5 @@ class SpeedMeter(eqx.Module):
         """Mean front road-wheel angle (rad) at this sample, NaN where missing or not measured."""
         if self._steering is None:
             return jnp.full((), jnp.nan)
-        return sample[self._steering] / self._steering_ratio
+        seen, angle = _split(sample[self._steering])
+        return jnp.where(seen, angle / self._steering_ratio, jnp.nan)

@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float
 from roadstate.core.channels import WHEELS
 from roadstate.core.errors import InputError
 from roadstate.estimators.base import Sample
-from roadstate.estimators.signals import Held
+from roadstate.estimators.signals import STANDSTILL_SPEED, Held
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -64,10 +64,11 @@ class TractionState(NamedTuple):
 class TractionMeter(eqx.Module):
     """Reads wheel torques, or engine torque × ratio × efficiency, and the brakes.
 
-    Sources in order of preference: ``drive_torque_*``; ``engine_torque`` with ``gear_ratio``; with
-    ``engine_speed``, whose quotient with the wheel speed is the ratio in mesh (so that power, not the gear,
-    is what must be known); with neither, a vehicle of one single ratio. Efficiency counts both ways: it
-    lessens the drive and adds to the drag of an overrun engine. The engine's inertia follows the ratio.
+    Sources in order of preference: ``drive_torque_*`` of all driven wheels; ``engine_torque`` with
+    ``gear_ratio``; with ``engine_speed``, whose quotient with the wheel speed is the ratio in mesh (so that
+    power, not the gear, is what must be known; negative in reverse); with neither, a vehicle of one single
+    ratio. Efficiency counts both ways: it lessens the drive and adds to the drag of an overrun engine. The
+    engine's inertia follows the ratio.
 
     Attributes:
         channels: canonical channels read.
@@ -85,6 +86,7 @@ class TractionMeter(eqx.Module):
     _engine_inertia: Float[Array, ""]
     _efficiency: Float[Array, ""]
     _final_drive: Float[Array, ""]
+    _single_ratio: Float[Array, ""]
     _ratio_range: Float[Array, " 2"]
     _brake_gain: Float[Array, " 4"]
 
@@ -92,7 +94,9 @@ class TractionMeter(eqx.Module):
         driveline = vehicle.driveline
         ratios = [r * driveline.final_drive for r in driveline.gear_ratios] or [driveline.final_drive]
         wheels = tuple(f"drive_torque_{w}" for w in WHEELS if f"drive_torque_{w}" in available)
-        if wheels:
+        driven = {"front": WHEELS[:2], "rear": WHEELS[2:], "all": WHEELS}[driveline.driven]
+        unseen = [f"drive_torque_{w}" for w in driven if f"drive_torque_{w}" not in wheels]
+        if not unseen:
             self.source, used = "wheels", wheels
             self._torque_noise = jnp.asarray(vehicle.sensors.wheel_torque.noise * len(wheels) ** 0.5)
         elif "engine_torque" in available:
@@ -110,7 +114,11 @@ class TractionMeter(eqx.Module):
                     mend="map 'gear_ratio' or 'engine_speed'",
                 )
         else:
-            raise InputError("no torque", mend="map 'engine_torque' or 'drive_torque_*'")
+            raise InputError(
+                f"no drive torque: {unseen[0]} is missing and there is no engine_torque",
+                where=f"vehicle '{vehicle.name}', driven: {driveline.driven}",
+                mend="map 'engine_torque' or 'drive_torque_*' of all driven wheels",
+            )
         brakes = [f"{kind}_{w}" for kind in ("brake_torque", "brake_pressure") for w in WHEELS]
         brakes = [b for b in (*brakes, "brake") if b in available]
         self.knows_brakes = bool(brakes)
@@ -122,9 +130,10 @@ class TractionMeter(eqx.Module):
         self._wheels = wheels
         self._radius = jnp.asarray(vehicle.wheels.radius)
         self._mass = jnp.asarray(vehicle.effective_mass(0.0))
-        self._engine_inertia = jnp.asarray(0.0 if wheels else driveline.engine_inertia)
+        self._engine_inertia = jnp.asarray(0.0 if self.source == "wheels" else driveline.engine_inertia)
         self._efficiency = jnp.asarray(driveline.efficiency)
         self._final_drive = jnp.asarray(driveline.final_drive)
+        self._single_ratio = jnp.asarray(ratios[0])
         self._ratio_range = jnp.asarray([0.85 * min(ratios), 1.15 * max(ratios)])
         gains = (0.0, 0.0)
         if vehicle.brakes is not None:
@@ -155,11 +164,10 @@ class TractionMeter(eqx.Module):
         else:
             engine = held["engine_torque"]
             age = engine.age
-            lever = (
-                ratio
-                / self._radius
-                * jnp.where(engine.value * ratio > 0, self._efficiency, 1 / self._efficiency)
-            )
+            # power decides, and with it the engine's direction; at standstill it turns as it will drive
+            turning = ratio * jnp.where(jnp.abs(speed) > STANDSTILL_SPEED, speed, ratio)
+            is_driving = engine.value * turning > 0
+            lever = ratio / self._radius * jnp.where(is_driving, self._efficiency, 1 / self._efficiency)
             drive = engine.value * lever
         brake, pressed = self._brakes(held)
         inertia = self._mass + self._engine_inertia * (ratio / self._radius) ** 2
@@ -182,7 +190,7 @@ class TractionMeter(eqx.Module):
         """Total ratio in mesh, time since it last changed (s), and whether it is changing or open."""
         never = jnp.full((), 1e3)
         if self.source in ("wheels", "single"):
-            return self._final_drive * jnp.ones(()), never, jnp.zeros((), bool)
+            return self._single_ratio * jnp.ones(()), never, jnp.zeros((), bool)
         if self.source == "gear":
             ratio = held["gear_ratio"].value * self._final_drive
             changed = jnp.abs(ratio - state.ratio) > _RATIO_JUMP * jnp.abs(state.ratio)
@@ -190,14 +198,14 @@ class TractionMeter(eqx.Module):
         else:
             # measured where both speeds are new; else the gear last seen is still in mesh
             new = (held["engine_speed"].age == 0) & (jnp.abs(speed) > _SLOWEST_RATIO)
-            quotient = held["engine_speed"].value * self._radius / jnp.maximum(jnp.abs(speed), _SLOWEST_RATIO)
+            quotient = held["engine_speed"].value * self._radius / jnp.where(new, speed, _SLOWEST_RATIO)
             gap = jnp.maximum(state.held["engine_speed"].age + dt, 1e-3)
             ratio = jnp.where(new, quotient, state.ratio)
             drift = jnp.abs(ratio - state.ratio) / jnp.maximum(jnp.abs(state.ratio), 1e-3)
             changed = new & (drift > jnp.maximum(_RATIO_RATE * gap, _RATIO_JUMP))
             low, high = self._ratio_range
-            is_open = (ratio < low) | (ratio > high) | (jnp.abs(speed) <= _SLOWEST_RATIO)
-            ratio = jnp.clip(ratio, low, high)
+            is_open = (jnp.abs(ratio) < low) | (jnp.abs(ratio) > high) | (jnp.abs(speed) <= _SLOWEST_RATIO)
+            ratio = jnp.where(ratio < 0, -1.0, 1.0) * jnp.clip(jnp.abs(ratio), low, high)
         since = jnp.where(changed, 0.0, state.since_shift + dt)
         return ratio, since, is_open | (since < _SHIFT_TIME)
 

@@ -123,10 +123,10 @@ class Sensors(Section):
 class Prior(Section):
     """What is known before the drive: the roads' grade, and how exact the figures of this file are (1σ)."""
 
-    grade_std: _Grade = 0.04
+    grade_std: _Grade = 0.08
     """1σ of the grade of the roads driven; 4 % is hilly, 2 % flat country"""
-    grade_correlation_length: _RoadLength = 150.0
-    """Distance over which the grade of the road stays alike (its correlation falls to 1/e)"""
+    grade_correlation_length: _RoadLength = 160.0
+    """Distance over which the grade of the road stays alike (its correlation falls to one half)"""
     mass_relative: _Share = 0.05
     """1σ of the mass, as a share of it (load and passengers)"""
     drag_relative: _Share = 0.1
