@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+_LONGEST = 1000
+
 
 class InputError(ValueError):
     """Unusable input: says what is wrong, where, and what to do, in one line.
@@ -23,5 +25,7 @@ class InputError(ValueError):
         if mend:
             text = f"{text}; {mend}"
         line = " ".join(text.split())
+        if len(line) > _LONGEST:  # so do endless names; the end holds the mend
+            line = f"{line[: _LONGEST // 2]} … {line[-_LONGEST // 2 :]}"
         # names and keys come out of strangers' files: no escape sequence may reach a terminal
         super().__init__("".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in line))

@@ -144,7 +144,8 @@ class Estimates:
             if needed not in columns:
                 raise InputError(f"no '{needed}' column", where=where, mend="is this a file of estimates?")
         metadata = dict(metadata)
-        sensors = tuple(str(s) for s in metadata.pop("sensors", []))
+        named = metadata.pop("sensors", [])
+        sensors = tuple(str(s) for s in named) if isinstance(named, list) else ()
         time = tabular.in_unit("time", columns["time"], "s", where)
         codes = {v.label: int(v) for v in Validity}
         labels = [str(v) for v in columns["validity"].values]
@@ -167,10 +168,12 @@ class Estimates:
         def stack(suffix: str) -> Array:
             if not sensors:
                 return np.zeros((0, 0))
-            return np.stack(
-                [np.asarray(columns[f"innovation_{s}{suffix}"].values, float) for s in sensors], 1
-            )
+            names = [f"innovation_{s}{suffix}" for s in sensors]
+            absent = [n for n in names if n not in columns]
+            if absent:
+                raise InputError(f"no '{absent[0]}' column", where=where, mend="is this a file of estimates?")
+            return np.stack([tabular.in_unit(n, columns[n], "-", where) for n in names], 1)
 
-        nis = np.asarray(columns["nis"].values, float) if "nis" in columns else np.zeros(0)
+        nis = tabular.in_unit("nis", columns["nis"], "-", where) if "nis" in columns else np.zeros(0)
         validity = np.array([codes[v] for v in labels], dtype=np.int8)
         return cls(time, values, std, validity, sensors, stack(""), stack("_std"), nis, metadata)

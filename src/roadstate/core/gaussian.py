@@ -42,11 +42,17 @@ class Gate(IntEnum):
 
 
 class Reason(IntEnum):
-    """Why a step's :attr:`Info.ok` is false; ``OK`` where it is true."""
+    """What a step has to say; :attr:`Info.ok` is false for ``NOT_FINITE`` only."""
 
     OK = 0
     NO_MEASUREMENT = 1
     NOT_FINITE = 2
+    THETA_REDUCED = 3
+    """An H∞ filter could not hold its bound here and took a weaker one."""
+    MEMORY_KEPT = 4
+    """A limited-memory filter kept old samples in a direction that the recent ones do not determine."""
+    PROJECTED = 5
+    """The mean lay outside its bounds and was moved onto them."""
 
 
 class Info(eqx.Module):

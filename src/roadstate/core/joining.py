@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from datetime import UTC, datetime
 
 import numpy as np
 
@@ -14,14 +15,17 @@ from roadstate.core.signals import Array, Recording, Signal
 def join(recordings: Sequence[Recording]) -> Recording:
     """Join the files of one drive into one recording.
 
-    Recordings that all carry absolute start times are laid on the earliest one's clock; otherwise their
-    times are taken to be on one clock already. Files that follow one another are put in time order, each
-    signal's pieces end to end; files that run at the same time must hold different signals (a CAN log and a
-    GNSS log, say), and lie side by side.
+    Recordings that all carry absolute start times (UTC where they name no zone) are laid on the earliest
+    one's clock; otherwise their times are taken to be on one clock already. Files that follow one another are
+    put in time order, each signal's pieces end to end; files that run at the same time must hold different
+    signals (a CAN log and a GNSS log, say), and lie side by side.
 
     Raises:
-        InputError: two files hold the same signal at the same time, or give it different units.
+        InputError: no file; two files hold the same signal at the same time, or give it different units; a
+            start time that is no date.
     """
+    if not recordings:
+        raise InputError("no recording to join", mend="give at least one file")
     if len(recordings) == 1:
         return recordings[0]
     shifted = sorted(_on_one_clock(recordings), key=_start)
@@ -68,11 +72,23 @@ def _on_one_clock(recordings: Sequence[Recording]) -> list[Recording]:
     starts = [r.metadata.get("start_time") for r in recordings]
     if any(s is None for s in starts):
         return list(recordings)
-    instants = np.array([np.datetime64(str(s)) for s in starts]).astype("datetime64[ns]")
-    offsets = (instants - instants.min()) / np.timedelta64(1, "s")
+    instants = [_instant(str(s), r) for s, r in zip(starts, recordings, strict=True)]
+    first = min(instants)
     moved: list[Recording] = []
-    for recording, offset in zip(recordings, offsets, strict=True):
+    for recording, instant in zip(recordings, instants, strict=True):
+        offset = (instant - first).total_seconds()
         bases = {id(s.time): s.time + offset if offset else s.time for s in recording.signals.values()}
         signals = {n: replace(s, time=bases[id(s.time)]) for n, s in recording.signals.items()}
-        moved.append(Recording(signals, {**recording.metadata, "start_time": str(instants.min())}))
+        moved.append(Recording(signals, {**recording.metadata, "start_time": starts[instants.index(first)]}))
     return moved
+
+
+def _instant(text: str, recording: Recording) -> datetime:
+    try:
+        instant = datetime.fromisoformat(text)
+        return instant.replace(tzinfo=UTC) if instant.tzinfo is None else instant.astimezone(UTC)
+    except (ValueError, OverflowError) as error:
+        files = ", ".join(str(f) for f in recording.metadata.get("files", []))
+        raise InputError(
+            f"start time '{text}' is no date", where=files, mend="write it in ISO 8601"
+        ) from error

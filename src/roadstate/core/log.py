@@ -40,12 +40,17 @@ class Log:
     def __post_init__(self) -> None:
         if self.time.ndim != 1 or len(self.time) == 0:
             raise InputError("a log needs at least one sample")
-        if not np.isfinite(self.time).all() or not (np.diff(self.time) > 0).all():
-            row = int(np.argmax(~(np.diff(self.time, prepend=-np.inf) > 0)))
+        bad = ~np.isfinite(self.time)
+        if not bad.any():
+            bad[1:] = ~(np.diff(self.time) > 0)
+        if bad.any():
+            row = int(np.argmax(bad))
             raise InputError(
                 f"time does not increase at row {row}", mend="sort the log and drop repeated rows"
             )
         for name, values in self.channels.items():
+            if name == "time":
+                raise InputError("time cannot be a channel beside itself")
             channel(name)
             if values.shape != self.time.shape:
                 raise InputError(f"{name} has shape {values.shape}, time has {self.time.shape}")
@@ -131,5 +136,10 @@ class Log:
     ) -> Log:
         if "time" not in columns:
             raise InputError("no 'time [s]' column", where=where, mend="add one, in seconds")
-        values = {n: tabular.in_unit(n, c, channel(n).unit, where) for n, c in columns.items()}
-        return cls(values.pop("time"), values, metadata)
+        try:
+            values = {n: tabular.in_unit(n, c, channel(n).unit, where) for n, c in columns.items()}
+            return cls(values.pop("time"), values, metadata)
+        except InputError as error:
+            if error.where:
+                raise
+            raise InputError(error.what, where=where, mend=error.mend) from error

@@ -15,6 +15,7 @@ from roadstate.core.log import Log
 
 Array = NDArray[np.float64]
 _MAX_RATE = 100.0  # Hz; what a vehicle-dynamics estimator needs, and no more
+_MAX_TICKS = 2.0**53  # beyond it neighbouring ticks are one float
 
 
 @dataclass(frozen=True)
@@ -135,6 +136,9 @@ class Recording:
             raise InputError(f"'{unknown[0]}' is not a canonical channel", mend="apply a mapping first")
         for signal in self.signals.values():
             signal.check_time()
+        if not any(len(s) for s in self.signals.values()):
+            files = ", ".join(str(f) for f in self.metadata.get("files", []))
+            raise InputError("every mapped channel is empty", where=files, mend="check the mapping")
         if rate is not None and not 0.1 <= rate <= 10_000:
             raise InputError(f"a rate of {rate:g} Hz is out of range", mend="choose 0.1 to 10000 Hz")
         if rate is None and self.is_common_base:
@@ -143,8 +147,6 @@ class Recording:
         measured = {n: s for n, s in self.signals.items() if not CHANNELS[n].is_reference and len(s)}
         if not measured:
             measured = {n: s for n, s in self.signals.items() if len(s)}
-        if not measured:
-            raise InputError("every mapped channel is empty", where=str(self.metadata.get("files", "")))
         if rate is None:
             fastest = max(s.rate for s in measured.values())
             rate = min(float(f"{fastest:.2g}"), _MAX_RATE) if fastest > 0 else 1.0
@@ -152,6 +154,13 @@ class Recording:
 
     def _on_grid(self, measured: Mapping[str, Signal], rate: float) -> Log:
         start = min(s.time[0] for s in measured.values())
+        last = max(measured.values(), key=lambda s: float(s.time[-1]))
+        if (last.time[-1] - start) * rate > _MAX_TICKS:
+            raise InputError(
+                f"time runs from {start:.6g} s to {last.time[-1]:.6g} s",
+                where=last.source,
+                mend="check the unit of the time",
+            )
         ticks_of = {n: np.rint((s.time - start) * rate).astype(np.int64) for n, s in measured.items()}
         used = np.unique(np.concatenate(list(ticks_of.values())))
         time = start + used / rate

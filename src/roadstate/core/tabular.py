@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -21,7 +20,6 @@ from roadstate.core.units import convert
 if TYPE_CHECKING:
     import pandas as pd
 
-_HEADER = re.compile(r"^\s*(?P<name>.*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*$")
 _METADATA_KEY = b"roadstate"
 
 
@@ -35,9 +33,11 @@ class Column:
 
 def split_header(text: str) -> tuple[str, str | None]:
     """``"speed [km/h]"`` → ``("speed", "km/h")``; without brackets the unit is ``None``."""
-    match = _HEADER.match(text.replace("\n", " "))
-    assert match is not None  # every part of the pattern is optional
-    return match["name"], match["unit"]
+    text = text.replace("\n", " ").strip()
+    name, bracket, unit = text.removesuffix("]").rpartition("[")
+    if text.endswith("]") and bracket and "]" not in unit:
+        return name.strip(), unit
+    return text, None
 
 
 def in_unit(name: str, column: Column, unit: str, where: str) -> NDArray[np.float64]:
@@ -46,6 +46,8 @@ def in_unit(name: str, column: Column, unit: str, where: str) -> NDArray[np.floa
     Raises:
         InputError: not numeric, or a unit that does not fit.
     """
+    if np.asarray(column.values).dtype.kind in "mM":
+        raise InputError("holds dates or durations", where=f"{where}: {name}", mend=f"give numbers in {unit}")
     try:
         values = np.asarray(column.values, dtype=np.float64)
     except (TypeError, ValueError) as error:
@@ -65,11 +67,13 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
     """A temporary name beside ``path`` that becomes ``path`` when the block ends well, else vanishes.
 
     Raises:
-        InputError: the folder does not exist or cannot be written.
+        InputError: the folder does not exist or cannot be written, or ``path`` is a folder itself.
     """
     path = Path(path)
-    try:
-        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent)
+    if path.is_dir():
+        raise InputError("is a folder", where=str(path), mend="give the name of a file in it")
+    try:  # a name of its own, since one made of the file's could be too long
+        handle, name = tempfile.mkstemp(prefix=".roadstate.", suffix=".part", dir=path.parent)
     except OSError as error:
         reason = error.strerror or str(error)
         raise InputError(f"cannot write ({reason})", where=str(path), mend="choose another folder") from error
@@ -161,6 +165,6 @@ def from_parquet(path: str | Path) -> tuple[dict[str, Column], dict[str, Any]]:
     raw = (table.schema.metadata or {}).get(_METADATA_KEY, b"{}")
     try:
         metadata = json.loads(raw)
-    except ValueError:
+    except (ValueError, RecursionError):
         metadata = {}
     return columns, metadata if isinstance(metadata, dict) else {}

@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass
 from functools import cache, lru_cache
@@ -44,6 +45,7 @@ _ALIASES = {
     "rev/min": "revolution/minute",
     "rev/s": "revolution/second",
     "hz": "revolution/second",
+    "khz": "kilorevolution/second",
     "nm": "newton*meter",
     "n.m": "newton*meter",
     "n-m": "newton*meter",
@@ -82,12 +84,14 @@ class Unit:
         scale: multiplier to the SI base unit of its dimension.
         offset: added after scaling (temperatures only).
         dimension: what it measures, as a text to compare (angles are dimensionless, as in SI).
+        is_ratio: whether it is a bare number (``-``, ``%``, ``m/m``): dimensionless and no angle.
     """
 
     text: str
     scale: float
     offset: float
     dimension: str
+    is_ratio: bool
 
 
 @cache
@@ -100,7 +104,7 @@ def _registry() -> Any:
 
 def _normalise(text: str) -> str:
     text = text.strip().strip("[]").strip()
-    lowered = text.lower()
+    lowered = text.lower().replace("²", "2").replace("³", "3")
     if lowered in _ALIASES and not text.startswith("M"):
         return _ALIASES[lowered]
     text = text.replace("²", "**2").replace("³", "**3").replace("·", "*").replace("⋅", "*")
@@ -119,21 +123,26 @@ def parse_unit(text: str) -> Unit:
         InputError: the text is no unit that can be read.
     """
     normal = _normalise(text)
+    shown = text if len(text) <= 40 else f"{text[:40]}…"
     refusal = InputError(
-        f"unknown unit '{text}'", mend="write it like 'km/h', 'deg/s', 'N*m', 'bar' or '-' (no unit)"
+        f"unknown unit '{shown}'", mend="write it like 'km/h', 'deg/s', 'N*m', 'bar' or '-' (no unit)"
     )
     if len(text) > 40 or not _SAFE.match(normal) or not _has_small_powers(normal):
         raise refusal
     try:
         registry = _registry()
         units = registry.parse_units(normal)
-        zero = registry.Quantity(0.0, units).to_base_units()
-        one = registry.Quantity(1.0, units).to_base_units()
+        zero, one, two = (registry.Quantity(x, units).to_base_units() for x in (0.0, 1.0, 2.0))
+        offset, scale = float(zero.magnitude), float(one.magnitude - zero.magnitude)
+        step = float(two.magnitude - one.magnitude)
     except Exception as error:  # pint raises a dozen kinds for a bad text
         raise refusal from error
-    offset = float(zero.magnitude)
-    dimension = str(units.dimensionality)
-    return Unit(text, float(one.magnitude) - offset, offset, dimension)
+    # a decibel is no affine map; a power of a prefix may leave the range of numbers
+    if not math.isclose(step, scale, rel_tol=1e-9) or not math.isfinite(scale + offset) or scale == 0:
+        raise refusal
+    powers = sorted(units.dimensionality.items())
+    dimension = " ".join(f"{name}^{float(power):g}" for name, power in powers)
+    return Unit(text, scale, offset, dimension, bool(one.unitless))
 
 
 def _has_small_powers(text: str) -> bool:
@@ -176,11 +185,12 @@ def to_channel_unit(
         values: any shape, in ``unit``.
         unit: unit text as written in the log or mapping.
         channel_unit: the canonical unit.
-        is_slope: the channel is an angle of the road, for which ``%`` and ``-`` mean rise over run.
+        is_slope: the channel is an angle of the road, for which a bare number's unit (``%``, ``-``) means
+            rise over run.
 
     Raises:
         InputError: as :func:`convert`.
     """
-    if is_slope and parse_unit(unit).text.strip("[] ") in {"%", "percent", "pct", "-", "1", "m/m"}:
+    if is_slope and unit != channel_unit and unit.strip("[] ") and parse_unit(unit).is_ratio:
         return np.arctan(convert(values, unit, "-"))
     return convert(values, unit, channel_unit)

@@ -7,8 +7,8 @@ from pydantic_core import ErrorDetails
 
 from roadstate.core.channels import did_you_mean
 from roadstate.core.errors import InputError
+from roadstate.core.yaml_text import Path, YamlMapping, short
 from roadstate.vehicles.parameters import Vehicle
-from roadstate.vehicles.yaml_text import Path, YamlMapping, short
 
 
 def as_input_error(error: ValidationError, content: YamlMapping, where: str) -> InputError:

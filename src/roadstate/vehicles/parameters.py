@@ -6,7 +6,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, StringConstraints, model_validator
 
-from roadstate.vehicles.quantity import Quantity, refusal
+from roadstate.core.quantity import Quantity, refusal
 from roadstate.vehicles.sensors import Prior, Section, Sensors
 
 GRAVITY = 9.80665

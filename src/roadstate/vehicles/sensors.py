@@ -10,7 +10,7 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict
 
-from roadstate.vehicles.quantity import Quantity
+from roadstate.core.quantity import Quantity
 
 _AccelerationDensity = Annotated[float, Quantity("m/s^2/Hz^0.5", 1e-6, 10)]
 _Acceleration = Annotated[float, Quantity("m/s^2", 0, 20)]

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic_core import PydanticCustomError
 
-from roadstate.vehicles.quantity import Quantity
+from roadstate.core.quantity import Quantity
 
 MASS = Quantity("kg", 50, 200e3)
 

@@ -1,0 +1,289 @@
+"""From a file's own signals to canonical channels: which signal is which, in which unit, sign and time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping as AbstractMapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ValidationError
+
+from roadstate.core import CHANNELS, InputError, Recording, Signal
+from roadstate.core.signals import interpolate
+from roadstate.core.units import to_channel_unit
+from roadstate.io.mapping_channel import ChannelMap, Condition, is_linear_wheel_speed, is_slope
+from roadstate.io.mapping_schema import IMU_CHANNELS, Axes, Sections, SlopeMap
+from roadstate.io.mapping_yaml import in_one_line, read_mapping_file
+from roadstate.io.matching import Candidate, find, not_found
+from roadstate.io.plausible import check_plausible
+from roadstate.io.reference import slope_reference
+
+Array = NDArray[np.float64]
+
+_TOLERANCE = 1e-6  # relative, when raw values are compared with those that mean invalid
+
+
+class Mapping(Sections):
+    """A mapping file's content: :meth:`apply` turns a recording's raw signals into canonical channels."""
+
+    @property
+    def time_column(self) -> str | None:
+        """The time column of a tabular file; ``None`` where the file is left to tell."""
+        return self.time.column
+
+    @property
+    def time_unit(self) -> str | None:
+        """The time column's unit, where its header gives none."""
+        return self.time.unit
+
+    def apply(self, recording: Recording, *, wheel_radius: float | None = None) -> Recording:
+        """The canonical channels of a recording, in SI units, each on its own time base.
+
+        Raw signals that carry a canonical name and are not listed are taken too, unless ``only_listed``.
+
+        Args:
+            recording: as read.
+            wheel_radius: effective rolling radius in m, for wheel speeds given along the road.
+
+        Returns:
+            Canonical signals. The metadata are kept, with ``mapped`` (canonical → what it was made of, in
+            words), ``sources`` (canonical → raw names) and, for derived references, ``reference_std`` (their
+            standard error, the median over the log, in SI).
+
+        Raises:
+            InputError: a channel's signal is not there or there twice, a unit does not fit, a time base does
+                not increase, or the values are implausible for more than 1 % of the samples.
+        """
+        return _Application(self, recording, wheel_radius).run()
+
+
+DEFAULT_MAPPING = Mapping()
+"""Takes every signal that carries a canonical name, in the unit its file gives; ignores all others."""
+
+
+def load_mapping(path: str | Path) -> Mapping:
+    """Read a mapping file.
+
+    Args:
+        path: YAML; the documentation has the table of its keys.
+
+    Raises:
+        InputError: not readable, no YAML, or a key or value that is wrong; names line and key.
+    """
+    content = read_mapping_file(path)
+    try:
+        return Mapping.model_validate(content.data)
+    except ValidationError as error:
+        raise in_one_line(error, content, str(path)) from None
+
+
+class _Application:
+    """One mapping applied to one recording; caches keep time bases shared between signals."""
+
+    def __init__(self, mapping: Mapping, recording: Recording, wheel_radius: float | None) -> None:
+        self.mapping = mapping
+        self.recording = recording
+        self.wheel_radius = wheel_radius
+        self.checked: dict[str, Signal] = {}
+        self.bases: dict[tuple[int, float], tuple[Array, Array]] = {}
+        self.out: dict[str, Signal] = {}
+        self.mapped: dict[str, str] = {}
+        self.sources: dict[str, list[str]] = {}
+        self.reference_std: dict[str, float] = {}
+
+    def run(self) -> Recording:
+        mapping = self.mapping
+        for name, spec in mapping.channels.items():
+            self.take(name, spec)
+        for kind, names in IMU_CHANNELS.items():
+            if mapping.imu is not None and (axes := getattr(mapping.imu, kind)) is not None:
+                self.take_imu(f"imu.{kind}", axes, names)
+        for name, reference in mapping.reference.items():
+            if isinstance(reference, SlopeMap):
+                self.take_slope(name, reference)
+            else:
+                self.take(name, reference)
+        if not mapping.only_listed:
+            given = {*mapping.channels, *mapping.reference, *self.out, "time"}
+            for name in self.recording:
+                if name in CHANNELS and name not in given:
+                    self.take(name, ChannelMap.model_validate(name))
+        metadata: dict[str, Any] = {**self.recording.metadata, "mapped": self.mapped, "sources": self.sources}
+        if self.reference_std:
+            metadata["reference_std"] = self.reference_std
+        return Recording(self.out, metadata)
+
+    def take(self, name: str, spec: ChannelMap) -> None:
+        key = self.find(name, spec)
+        if key is None:
+            return
+        signal = self.convert(name, key, spec)
+        unit = CHANNELS[name].unit if spec.scale.unit else self.unit_of(name, key, spec)
+        check_plausible(name, signal, unit)
+        self.put(name, signal, key, [key])
+
+    def put(self, name: str, signal: Signal, made_of: str, keys: list[str]) -> None:
+        self.out[name], self.mapped[name], self.sources[name] = signal, made_of, keys
+
+    def take_imu(self, place: str, axes: Axes, names: tuple[str, ...]) -> None:
+        measured: dict[int, Signal] = {}
+        keys: dict[int, str] = {}
+        for i, axis in enumerate("xyz"):
+            spec = getattr(axes, axis)
+            key = self.find(f"{place}.{axis}", spec) if spec is not None else None
+            if key is not None:
+                measured[i] = self.convert(names[0], key, spec)
+                keys[i] = key
+        rotation = self.mapping.rotation.to_matrix() if self.mapping.rotation is not None else np.eye(3)
+        made = False
+        for name, row in zip(names, rotation, strict=True):
+            needed = [i for i in np.argsort(-np.abs(row)) if abs(row[i]) > _TOLERANCE]
+            if not all(i in measured for i in needed):
+                continue
+            signal = _combined([(float(row[i]), measured[i]) for i in needed])
+            check_plausible(name, signal, CHANNELS[name].unit)
+            self.put(name, signal, ", ".join(keys[i] for i in needed), [keys[i] for i in needed])
+            made = True
+        if measured and not made:
+            raise InputError(
+                f"of its axes only {', '.join('xyz'[i] for i in measured)} are there: "
+                "none of the car's can be made from them",
+                where=place,
+                mend="give all three",
+            )
+
+    def take_slope(self, name: str, spec: SlopeMap) -> None:
+        altitude_key = self.find(f"{name}.slope_of", spec.slope_of)
+        speed_key = self.find(f"{name}.speed", spec.speed)
+        if altitude_key is None or speed_key is None:
+            return
+        altitude = self.convert("altitude", altitude_key, spec.slope_of)
+        speed = self.convert("speed", speed_key, spec.speed)
+        slope = slope_reference(altitude, speed, over=spec.over, min_speed=spec.min_speed)
+        check_plausible(name, slope.grade, "rad")
+        self.put(name, slope.grade, f"slope of {altitude_key} over {speed_key}", [altitude_key, speed_key])
+        if np.isfinite(slope.median_std):
+            self.reference_std[name] = slope.median_std
+
+    def find(self, place: str, spec: ChannelMap) -> str | None:
+        try:
+            key = find(spec.from_, self.recording.signals)
+            if key is None and not spec.optional:
+                raise not_found(spec.from_, self.recording.signals)
+        except InputError as error:
+            raise InputError(error.what, where=self.where(place), mend=error.mend) from error
+        return key
+
+    def where(self, place: str) -> str:
+        files = self.recording.metadata.get("files") or ()
+        return f"{Path(str(files[0])).name}: {place}" if files else place
+
+    def raw(self, key: str) -> Signal:
+        """The signal as read, its time base checked or repaired."""
+        if key not in self.checked:
+            signal = self.recording[key]
+            if self.mapping.time.repair == "drop":
+                repaired = signal.repaired()
+                signal = replace(repaired, time=self.shared(signal.time, -0.0, repaired.time))
+            else:
+                signal.check_time()
+            self.checked[key] = signal
+        return self.checked[key]
+
+    def shared(self, base: Array, delay: float, time: Array) -> Array:
+        """``time``, or the equal array made before from the same ``base``, so that the two stay one base."""
+        # the base is kept beside it: an id is only unique while its object lives
+        return self.bases.setdefault((id(base), delay), (base, time))[1]
+
+    def unit_of(self, name: str, key: str, spec: ChannelMap) -> str:
+        given = spec.unit if spec.unit is not None else self.recording[key].unit
+        fallback = "-" if spec.scale.unit else CHANNELS[name].unit
+        return given if given is not None and given.strip(" []") else fallback
+
+    def convert(self, name: str, key: str, spec: ChannelMap) -> Signal:
+        """The signal in the SI unit of the channel ``name``, invalid samples NaN, the delay taken off."""
+        raw = self.raw(key)
+        source = raw.source or key
+        values = np.where(self.is_valid(name, raw, spec), raw.values, np.nan)
+        unit = self.unit_of(name, key, spec)
+        try:
+            if spec.scale.unit:
+                values = to_channel_unit(values, unit, "-")
+                values = to_channel_unit(values, spec.scale.unit, CHANNELS[name].unit)
+            elif is_linear_wheel_speed(name, unit):
+                values = to_channel_unit(values, unit, "m/s") / self.radius(name, unit)
+            else:
+                values = to_channel_unit(values, unit, CHANNELS[name].unit, is_slope=is_slope(name))
+        except InputError as error:
+            raise InputError(error.what, where=f"{source} as {name}", mend=error.mend) from error
+        gain, offset = spec.sign * spec.scale.value, spec.offset_in(name)
+        if gain != 1.0 or offset != 0.0:
+            values = gain * values + offset
+        time = raw.time
+        if spec.delay != 0.0:
+            time = self.shared(raw.time, spec.delay, raw.time - spec.delay)
+        return replace(raw, time=time, values=values, unit=CHANNELS[name].unit, source=source)
+
+    def radius(self, name: str, unit: str) -> float:
+        if self.wheel_radius is None:
+            raise InputError(
+                f"is in {unit} along the road and the wheel's radius is not known",
+                mend="give a vehicle file (--vehicle), or set 'unit: rad/s' and a scale of 1/radius",
+            )
+        if not 0.05 <= self.wheel_radius <= 2.0:
+            raise InputError(f"a wheel radius of {self.wheel_radius:g} m is out of range", mend="0.05 to 2 m")
+        return self.wheel_radius
+
+    def is_valid(self, name: str, raw: Signal, spec: ChannelMap) -> NDArray[np.bool_]:
+        valid = np.isfinite(raw.values)
+        for value in spec.invalid:
+            valid &= ~np.isclose(raw.values, value, rtol=_TOLERANCE, atol=1e-9)
+        if spec.range is not None:
+            valid &= (raw.values >= spec.range[0]) & (raw.values <= spec.range[1])
+        for condition in spec.valid:
+            valid &= self.holds(name, condition, raw)
+        return valid
+
+    def holds(self, name: str, condition: Condition, raw: Signal) -> NDArray[np.bool_]:
+        """Whether a condition holds at each sample; it does not where its signal has not been heard yet."""
+        companion = self.raw(self.companion(name, condition, raw))
+        with np.errstate(invalid="ignore"):
+            holds = np.isfinite(companion.values)
+            if condition.equals is not None:
+                holds &= np.isclose(companion.values, condition.equals, rtol=_TOLERANCE, atol=1e-9)
+            if condition.min is not None:
+                holds &= companion.values >= condition.min
+            if condition.max is not None:
+                holds &= companion.values <= condition.max
+        if companion.time is raw.time or np.array_equal(companion.time, raw.time):
+            return holds
+        if not len(companion):
+            return np.zeros(len(raw), dtype=bool)
+        latest = np.searchsorted(companion.time, raw.time, side="right") - 1
+        return holds[np.maximum(latest, 0)] & (latest >= 0)
+
+    def companion(self, name: str, condition: Condition, raw: Signal) -> str:
+        signals: AbstractMapping[str, Signal] = self.recording.signals
+        candidate: Candidate = condition.candidate
+        beside = {k: s for k, s in signals.items() if s.message == raw.message and s.bus == raw.bus}
+        try:
+            # its own message's flag is meant, however many messages have one of that name
+            key = (find([candidate], beside) if raw.message else None) or find([candidate], signals)
+            if key is None:
+                raise not_found([candidate], signals)
+        except InputError as error:
+            raise InputError(error.what, where=self.where(f"{name}.valid"), mend=error.mend) from error
+        return key
+
+
+def _combined(parts: list[tuple[float, Signal]]) -> Signal:
+    """Σ cᵢ·sᵢ on the time base of the first, the others interpolated where theirs differs."""
+    total = parts[0][0] * parts[0][1].values
+    base = parts[0][1]
+    for factor, signal in parts[1:]:
+        is_same = signal.time is base.time or np.array_equal(signal.time, base.time)
+        total = total + factor * (signal.values if is_same else interpolate(signal, base.time))
+    return replace(base, values=total)

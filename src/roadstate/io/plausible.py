@@ -1,0 +1,107 @@
+"""Magnitudes that no road car reaches: what a wrong unit looks like."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from roadstate.core import CHANNELS, InputError, Signal
+from roadstate.core.units import convert, is_same_dimension
+
+_MAX_SHARE = 0.01  # of the samples; fewer are spikes, which the filter gates
+_TYPICAL_RADIUS = 0.3  # m; good enough to tell km/h from rad/s
+
+
+@dataclass(frozen=True)
+class Limit:
+    """The largest plausible magnitude in the channel's SI unit, and the units logs use instead of it."""
+
+    magnitude: float
+    units: tuple[str, ...] = ()
+
+
+_ACCEL = Limit(100.0, ("mg", "cm/s^2"))
+_RATE = Limit(10.0, ("deg/s",))
+_FORCE = Limit(1e5, ())
+LIMITS: dict[str, Limit] = {
+    "speed": Limit(120.0, ("km/h", "cm/s", "mm/s")),
+    "wheel_speed": Limit(250.0, ("km/h", "rpm", "deg/s")),
+    "steer": Limit(1.5, ("deg",)),
+    "steering_wheel": Limit(30.0, ("deg",)),
+    "accel_x": _ACCEL,
+    "accel_y": _ACCEL,
+    "accel_z": _ACCEL,
+    "kinematic_accel_x": _ACCEL,
+    "kinematic_accel_y": _ACCEL,
+    "roll_rate": _RATE,
+    "pitch_rate": _RATE,
+    "yaw_rate": _RATE,
+    "engine_torque": Limit(1e4),
+    "engine_speed": Limit(2500.0, ("rpm",)),
+    "gear_ratio": Limit(50.0),
+    "latitude": Limit(90.0),
+    "longitude": Limit(360.0),
+    "altitude": Limit(1e4, ("cm", "mm")),
+    "vertical_speed": Limit(30.0, ("cm/s", "mm/s")),
+    "drive_torque": Limit(2e4),
+    "brake_torque": Limit(2e4),
+    "brake_pressure": Limit(5e7, ("mbar",)),
+    "ref_grade": Limit(0.8, ("%", "deg")),
+    "ref_bank": Limit(0.8, ("%", "deg")),
+    "ref_velocity_x": Limit(120.0, ("km/h",)),
+    "ref_velocity_y": Limit(40.0, ("km/h",)),
+    "ref_friction": Limit(3.0, ("%",)),
+    "ref_force_x": _FORCE,
+    "ref_force_y": _FORCE,
+    "ref_load": _FORCE,
+}
+"""Limits by channel; a wheel's channels share one under their name without the wheel."""
+
+
+def limit_of(name: str) -> Limit | None:
+    """The limit of a canonical channel; ``None`` where the magnitude says nothing (``brake``)."""
+    return LIMITS.get(name) or LIMITS.get(name[:-3])
+
+
+def check_plausible(name: str, signal: Signal, unit: str) -> None:
+    """Refuse a channel of which more than 1 % of the samples are beyond its limit.
+
+    Args:
+        name: canonical channel.
+        signal: in the channel's SI unit.
+        unit: the unit the raw values were taken to be in.
+
+    Raises:
+        InputError: says how many, where the first is, and which unit would explain it.
+    """
+    limit = limit_of(name)
+    if limit is None:
+        return
+    with np.errstate(invalid="ignore"):
+        beyond = np.abs(signal.values) > limit.magnitude
+    count, valid = int(beyond.sum()), int(np.isfinite(signal.values).sum())
+    if count <= _MAX_SHARE * valid:
+        return
+    likely = _likely_unit(name, signal, unit, limit)
+    mend = f"is the unit {likely}? Set 'unit: {likely}' in the mapping" if likely else "check unit and scale"
+    raise InputError(
+        f"{count} of {valid} samples exceed {limit.magnitude:g} {CHANNELS[name].unit} "
+        f"(first at t={signal.time[int(np.argmax(beyond))]:.2f} s)",
+        where=f"{signal.source} as {name}" if signal.source else name,
+        mend=mend,
+    )
+
+
+def _likely_unit(name: str, signal: Signal, unit: str, limit: Limit) -> str | None:
+    """The first of the usual other units in which the raw values would be plausible."""
+    raw = float(np.nanpercentile(np.abs(signal.values), 99)) / _in_si(name, unit)
+    others = (u for u in limit.units if u != unit)
+    return next((u for u in others if raw * _in_si(name, u) <= limit.magnitude), None)
+
+
+def _in_si(name: str, unit: str) -> float:
+    target = CHANNELS[name].unit
+    if target == "rad/s" and is_same_dimension(unit, "m/s"):
+        return float(convert(1.0, unit, "m/s")) / _TYPICAL_RADIUS
+    return float(convert(1.0, unit, target))
