@@ -1,0 +1,51 @@
+"""Several files that appear together or not at all."""
+
+from __future__ import annotations
+
+import errno
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from roadstate.core import InputError
+
+_CANNOT_WRITE = {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM, errno.EFBIG, errno.EIO}
+
+
+@contextmanager
+def staged(out: Path) -> Iterator[Path]:
+    """A hidden folder whose files move into ``out`` when the block ends well, and vanish when it does not.
+
+    Files of the same names in ``out`` are replaced; ``out`` itself is made where it is missing.
+
+    Raises:
+        InputError: ``out`` is a file, or cannot be made or written.
+    """
+    beside = out
+    while not beside.exists():
+        beside = beside.parent
+    if not beside.is_dir():
+        raise InputError("is a file", where=str(beside), mend="name a folder with --out")
+    try:
+        stage = Path(tempfile.mkdtemp(prefix=".roadstate-", dir=beside))
+    except OSError as error:
+        raise _unwritable(out, error) from error
+    try:
+        yield stage
+        out.mkdir(parents=True, exist_ok=True)
+        for file in sorted(stage.iterdir()):
+            os.replace(file, out / file.name)
+    except OSError as error:
+        if error.errno not in _CANNOT_WRITE:
+            raise
+        raise _unwritable(out, error) from error
+    finally:
+        shutil.rmtree(stage, ignore_errors=True)
+
+
+def _unwritable(out: Path, error: OSError) -> InputError:
+    reason = (error.strerror or str(error)).lower()
+    return InputError(f"cannot write ({reason})", where=str(out), mend="choose another folder with --out")

@@ -1,0 +1,123 @@
+"""Running estimators on logs, for the commands that do."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from roadstate.core import REFERENCE_OF, Estimates, InputError, Log
+
+if TYPE_CHECKING:
+    from roadstate.cli.logs import Source
+    from roadstate.cli.progress import Work
+    from roadstate.metrics import Metrics
+    from roadstate.vehicles import Vehicle
+
+
+@dataclass(frozen=True)
+class Run:
+    """What came of one log.
+
+    Attributes:
+        name: of the log.
+        log: the channels the estimators saw.
+        results: estimator → estimates.
+        metrics: estimator → quantity → errors; empty where the log has no reference.
+    """
+
+    name: str
+    log: Log
+    results: dict[str, Estimates]
+    metrics: dict[str, dict[str, Metrics]]
+
+
+def run_log(
+    name: str, log: Log, vehicle: Vehicle, estimators: Sequence[str], work: Work, *, settle: float = 0.0
+) -> Run:
+    """Run estimators on a log and compare them with its references.
+
+    Args:
+        name: of the log.
+        log: its channels.
+        vehicle: the car.
+        estimators: names; none means all that the channels allow.
+        work: told of the progress.
+        settle: seconds at the start that the metrics leave out.
+
+    Raises:
+        InputError: an estimator's channels are missing, or there is none that the channels would do for.
+    """
+    from roadstate.core.numerics import use_compilation_cache
+    from roadstate.estimators import build
+    from roadstate.metrics import evaluate
+    from roadstate.run import scan
+
+    use_compilation_cache()
+    chosen = list(dict.fromkeys(estimators)) or _all_that_run(log)
+    built = [build(one, vehicle, log.available) for one in chosen]
+    results: dict[str, Estimates] = {}
+    for one in built:
+        work.begin(f"{name}: {one.name}")
+        results[one.name] = scan(one, log, progress=work.advance)
+    metrics = {one: evaluate(estimates, log, settle=settle) for one, estimates in results.items()}
+    return Run(name, log, results, {one: m for one, m in metrics.items() if m})
+
+
+def run_all(
+    source: Source,
+    vehicle: Vehicle,
+    estimators: Sequence[str],
+    work: Work,
+    *,
+    settle: float = 0.0,
+    needs_reference: bool = False,
+) -> Iterator[Run]:
+    """Read and run one log after another, so that only one is in memory.
+
+    Args:
+        source: the logs.
+        vehicle: the car.
+        estimators: names; none means all that the channels allow.
+        work: told of the progress.
+        settle: seconds at the start that the metrics leave out.
+        needs_reference: refuse a log without one.
+
+    Raises:
+        InputError: names the file at fault.
+    """
+    from roadstate.cli.logs import naming
+
+    groups = source.groups()
+    work.begin(f"reading {', '.join(groups)}")
+    for name, log in source.logs(vehicle):
+        with naming(groups[name][0]):
+            if needs_reference:
+                _check_reference(log)
+            run = run_log(name, log, vehicle, estimators, work, settle=settle)
+        yield run
+        work.begin("reading")
+
+
+def _check_reference(log: Log) -> None:
+    wanted = set(REFERENCE_OF.values())
+    if not wanted & log.available:
+        raise InputError(
+            f"no reference to compare with ({' or '.join(sorted(wanted))})",
+            mend="map one under 'reference:' in the mapping file, or use 'roadstate estimate'",
+        )
+
+
+def _all_that_run(log: Log) -> list[str]:
+    from roadstate.estimators import all_estimators, runnable
+
+    names = runnable(log.available)
+    if not names:
+        needs = "; ".join(f"{name} needs {needs_text(e.needs)}" for name, e in all_estimators().items())
+        raise InputError(f"no estimator can run on the channels there ({needs})", mend="map the missing ones")
+    return names
+
+
+def needs_text(needs: Sequence[Any]) -> str:
+    """What an estimator needs, in words."""
+    return " and ".join(need.what for need in needs)

@@ -1,0 +1,134 @@
+"""The parts that commands are made of."""
+
+from __future__ import annotations
+
+import errno
+import io
+import json
+import math
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from roadstate.cli import progress
+from roadstate.cli.console import figure, plain, to_json
+from roadstate.cli.logs import Source, stem
+from roadstate.cli.outputs import staged
+from roadstate.core import InputError
+
+
+@pytest.mark.parametrize(
+    ("value", "digits", "shown"),
+    [
+        (0.012345, 3, "0.0123"), (1.2345, 3, "1.23"), (123456.0, 3, "123456"), (0.0, 3, "0"),
+        (-0.5, 3, "-0.500"), (math.nan, 3, "-"), (None, 3, "-"), (1e9, 3, "1.00e+09"), (3e-6, 2, "3.0e-06"),
+    ],
+)  # fmt: skip
+def test_figure(value: float | None, digits: int, shown: str) -> None:
+    assert figure(value, digits) == shown
+
+
+@given(st.floats(-1e300, 1e300))
+def test_figure_is_short_and_near(value: float) -> None:
+    shown = figure(value)
+    assert len(shown) <= 10
+    assert float(shown) == pytest.approx(value, rel=5.1e-3)
+
+
+def test_json_of_numpy_values() -> None:
+    content = {
+        "a": np.float64(1.5),
+        "b": np.arange(2),
+        "c": math.inf,
+        "d": (np.bool_(True), Path("x")),
+        "e": None,
+    }
+    assert json.loads(to_json(content)) == {"a": 1.5, "b": [0, 1], "c": None, "d": [True, "x"], "e": None}
+    assert plain({1: float("nan")}) == {"1": None}
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [("drive.csv", "drive"), ("drive.CSV.GZ", "drive"), ("a.b.mf4", "a.b"), (".csv", ".csv"), ("log", "log")],
+)
+def test_stem(name: str, expected: str) -> None:
+    assert stem(Path("folder") / name) == expected
+
+
+def test_one_drive_is_named_after_its_first_file() -> None:
+    files = (Path("b.csv"), Path("a.csv"))
+    assert Source(files).groups() == {"b": files}
+    assert Source(files, separate=True).groups() == {"b": files[:1], "a": files[1:]}
+
+
+def test_staged_files_appear_together(tmp_path: Path) -> None:
+    out = tmp_path / "a" / "b"
+    with staged(out) as folder:
+        (folder / "x").write_text("1")
+        assert not out.exists()
+    assert [f.name for f in out.iterdir()] == ["x"]
+    assert [f.name for f in tmp_path.iterdir()] == ["a"]
+
+
+def test_staged_files_vanish_together(tmp_path: Path) -> None:
+    (tmp_path / "x").write_text("before")
+
+    def interrupted() -> None:
+        with staged(tmp_path) as folder:
+            (folder / "x").write_text("after")
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert [f.name for f in tmp_path.iterdir()] == ["x"]
+    assert (tmp_path / "x").read_text() == "before"
+
+
+def test_full_disk_is_bad_input_and_other_failures_are_not(tmp_path: Path) -> None:
+    message = r"cannot write \(no space left on device\); choose another folder"
+    with pytest.raises(InputError, match=message), staged(tmp_path / "o"):
+        raise OSError(errno.ENOSPC, "No space left on device")
+    with pytest.raises(ConnectionError), staged(tmp_path / "o"):
+        raise ConnectionError
+
+
+class Terminal(io.StringIO):
+    """A standard error that is a terminal."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+def test_short_work_shows_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.stderr", screen := Terminal())
+    with progress.working() as work:
+        work.begin("reading")
+        work.advance(1, 2)
+    assert screen.getvalue() == ""
+
+
+def test_long_work_shows_itself_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(progress, "_PATIENCE", 0.0)
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setattr("sys.stderr", screen := Terminal())
+    with progress.working() as work:
+        work.begin("drive: kmbe [odd name]")
+        for _ in range(500):
+            if work._bar is not None:
+                break
+            time.sleep(0.01)
+        work.advance(50, 100)
+    assert "drive: kmbe [odd name]" in screen.getvalue()
+
+
+def test_long_work_shows_nothing_elsewhere(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(progress, "_PATIENCE", 0.0)
+    monkeypatch.setattr("sys.stderr", stream := io.StringIO())
+    with progress.working() as work:
+        work.begin("reading")
+        time.sleep(0.05)
+    assert stream.getvalue() == ""
