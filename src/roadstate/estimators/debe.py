@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from math import hypot
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 
 import equinox as eqx
@@ -209,7 +210,7 @@ class DEBE(Estimator[DEBEState]):
                 front_share / tires.cornering_stiffness_front
                 + (1 - front_share) / tires.cornering_stiffness_rear
             ),
-            drive_relative=jnp.hypot(torque.relative, prior.mass_relative),
+            drive_relative=leaf(hypot(torque.relative, prior.mass_relative)),
             drag_relative=leaf(prior.drag_relative),
             rolling_std=leaf(prior.rolling_resistance_std),
             speed_scale=leaf(vehicle.sensors.wheel_speed.scale),

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 import equinox as eqx
 import jax.numpy as jnp
 import jax.scipy.linalg as jsl
+import numpy as np
 from jaxtyping import Array, Float, Int
 
 from roadstate.core.constants import GRAVITY
@@ -202,7 +203,7 @@ class KMBE(Estimator[KMBEState]):
             speed_scale=leaf(vehicle.sensors.wheel_speed.scale),
             rear_arm=leaf(vehicle.geometry.cg_to_rear_axle),
             rear_stiffness=leaf(vehicle.tires.cornering_stiffness_rear),
-            aiding_std=jnp.asarray([getattr(vehicle.sensors, a).noise for a in aiding]),
+            aiding_std=jnp.asarray(np.array([getattr(vehicle.sensors, a).noise for a in aiding])),
             unseen_bias=leaf(0.0 if aiding else accel.bias),
         )
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from roadstate.core.channels import WHEELS
@@ -111,8 +112,8 @@ class SpeedMeter(eqx.Module):
         self._axles = tuple(axles)
         self._radius = jnp.asarray(radius)
         geometry = vehicle.geometry
-        self._half_track = jnp.asarray([geometry.track_front / 2, geometry.track_rear / 2])
-        self._noise = jnp.asarray(noise)
+        self._half_track = jnp.asarray(np.array([geometry.track_front / 2, geometry.track_rear / 2]))
+        self._noise = jnp.asarray(np.array(noise))
         self._steering_ratio = jnp.asarray(
             1.0 if self._steering != "steering_wheel" or vehicle.steering is None else vehicle.steering.ratio
         )

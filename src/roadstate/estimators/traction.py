@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from roadstate.core.channels import WHEELS
@@ -134,11 +135,11 @@ class TractionMeter(eqx.Module):
         self._efficiency = jnp.asarray(driveline.efficiency)
         self._final_drive = jnp.asarray(driveline.final_drive)
         self._single_ratio = jnp.asarray(ratios[0])
-        self._ratio_range = jnp.asarray([0.85 * min(ratios), 1.15 * max(ratios)])
+        self._ratio_range = jnp.asarray(np.array([0.85 * min(ratios), 1.15 * max(ratios)]))
         gains = (0.0, 0.0)
         if vehicle.brakes is not None:
             gains = (vehicle.brakes.torque_per_pressure_front, vehicle.brakes.torque_per_pressure_rear)
-        self._brake_gain = jnp.asarray([gains[0], gains[0], gains[1], gains[1]])
+        self._brake_gain = jnp.asarray(np.array([gains[0], gains[0], gains[1], gains[1]]))
 
     def init(self) -> TractionState:
         """Nothing has come yet."""

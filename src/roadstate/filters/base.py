@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
+from dataclasses import replace
+from typing import Any, ClassVar, Generic, NamedTuple, TypeVar, cast
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
@@ -13,6 +15,7 @@ from roadstate.core.gaussian import Gate, Gaussian, Info, Reason
 from roadstate.linalg import correct, product
 from roadstate.statespace import StateSpaceModel
 
+T = TypeVar("T")
 _LOG_2PI = 1.8378770664093453
 
 
@@ -42,6 +45,15 @@ class GateRule(eqx.Module):
     threshold: float = eqx.field(default=19.51, static=True)
     patience: int = eqx.field(default=10, static=True)
 
+    def __check_init__(self) -> None:
+        """Refuse a rule that no sample, or every one, would pass."""
+        if not self.threshold > 0:
+            raise ValueError(f"threshold must be positive, got {self.threshold}")
+        if self.patience < 1:
+            raise ValueError(
+                f"patience must be at least 1, got {self.patience}; gate=None takes every sample"
+            )
+
     def __call__(
         self, squared: Float[Array, " m"], present: Bool[Array, " m"], rejected: Int[Array, " m"]
     ) -> tuple[Bool[Array, " m"], Int[Array, " m"], Int[Array, " m"]]:
@@ -52,6 +64,14 @@ class GateRule(eqx.Module):
         codes = jnp.where(present, jnp.where(refuse, Gate.REJECTED, Gate.PASSED), Gate.NOT_TESTED)
         counter = jnp.where(refuse, rejected + 1, jnp.where(present, 0, rejected))
         return used, codes, counter
+
+
+def _is_finite(gaussian: Gaussian) -> Bool[Array, ""]:
+    return jnp.all(jnp.isfinite(gaussian.mean)) & jnp.all(jnp.isfinite(gaussian.factor))
+
+
+def _select(condition: Bool[Array, ""], one: T, other: T) -> T:
+    return cast(T, jax.tree.map(lambda a, b: jnp.where(condition, a, b), one, other))
 
 
 S = TypeVar("S")
@@ -84,8 +104,18 @@ class Filter(eqx.Module, Generic[S]):
     def step(
         self, model: StateSpaceModel, state: S, u: Any, z: Float[Array, " m"], dt: Float[Array, ""]
     ) -> tuple[S, Info]:
-        """Predict over Δt, then update."""
-        return self.update(model, self.predict(model, state, u, dt), u, z)
+        """Predict over Δt, then update; where the prediction is not finite (as with an input that is not),
+        the state stays as it was and ``Info.ok`` is false.
+        """
+        ahead = self.predict(model, state, u, dt)
+        finite = self._is_finite(ahead)
+        updated, info = self.update(model, ahead, u, z)
+        reason = jnp.where(finite, info.reason, Reason.NOT_FINITE)
+        return _select(finite, updated, state), replace(info, ok=info.ok & finite, reason=reason)
+
+    def _is_finite(self, state: S) -> Bool[Array, ""]:
+        """Whether a predicted state is free of NaN and infinity."""
+        return _is_finite(self.posterior(state))
 
 
 class GaussianFilter(Filter[FilterState]):
@@ -120,12 +150,9 @@ class GaussianFilter(Filter[FilterState]):
         else:
             used, codes, rejected = self.gate(squared, present, rejected)
         result = correct(state_rows, sensor_rows, sqrt_R, innovation, used)
-        mean = state.gaussian.mean + result.delta
-        finite = jnp.all(jnp.isfinite(mean)) & jnp.all(jnp.isfinite(result.factor))
-        posterior = Gaussian(
-            jnp.where(finite, mean, state.gaussian.mean),
-            jnp.where(finite, result.factor, state.gaussian.factor),
-        )
+        posterior = Gaussian(state.gaussian.mean + result.delta, result.factor)
+        finite = _is_finite(posterior)
+        posterior = _select(finite, posterior, state.gaussian)
         any_used = jnp.any(used)
         reason = jnp.where(finite, jnp.where(any_used, Reason.OK, Reason.NO_MEASUREMENT), Reason.NOT_FINITE)
         count = jnp.sum(used)

@@ -1,0 +1,113 @@
+"""Many logs at once."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+from numpy.typing import NDArray
+
+from roadstate.core import Estimates, InputError, Log
+from roadstate.core.packing import Layout
+from roadstate.estimators.base import Estimator
+from roadstate.run.chunk import CHUNK, cut, inputs, scan_steps, start, to_estimates
+
+_BUDGET = 512 * 2**20
+_ROW = 32  # numbers that a step's row may be taken to have, for the memory budget
+
+
+@eqx.filter_jit
+def _scan_chunks(
+    params: Any, static: Any, layout: Layout, states: Any, samples: Any, dt: Any
+) -> tuple[Any, Any, Layout]:
+    """A chunk of each log of a group: the single log's loop under ``vmap``."""
+    row_layout: Layout | None = None
+
+    def one(own: Any, state: Any, values: Any, steps: Any) -> tuple[Any, Any]:
+        nonlocal row_layout
+        final, rows, row_layout = scan_steps(eqx.combine(own, static), layout, state, values, steps)
+        return final, rows
+
+    final, rows = jax.vmap(one)(params, states, samples, dt)
+    assert row_layout is not None  # it has been traced
+    return final, rows, row_layout
+
+
+def batch(
+    estimators: Estimator[Any] | Sequence[Estimator[Any]],
+    logs: Sequence[Log],
+    *,
+    memory: int = _BUDGET,
+    workers: int | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> list[Estimates]:
+    """Run an estimator over many logs, or over many seeds of one.
+
+    Logs are taken in groups that fit the memory budget; the groups are shared among threads (a compiled loop
+    holds no lock), and within a group all logs advance together. The numbers are those of
+    :func:`roadstate.run.scan`, to rounding.
+
+    Args:
+        estimators: one for all logs, or one for each (built alike: same channels, other parameters).
+        logs: of any lengths; groups are of similar lengths.
+        memory: bytes that the samples and rows of the chunks at work may take.
+        workers: threads; default one for each processor.
+        progress: called with (logs done, logs) after every group.
+
+    Raises:
+        InputError: no logs, a number of estimators that differs from that of logs, or estimators not built
+            alike.
+    """
+    if not logs:
+        raise InputError("no logs to run over")
+    each = [estimators] * len(logs) if isinstance(estimators, Estimator) else list(estimators)
+    if len(each) != len(logs):
+        raise InputError(f"{len(each)} estimators for {len(logs)} logs", mend="give one, or one for each log")
+    kinds = [eqx.partition(e, eqx.is_array)[1] for e in each]
+    if any(kind != kinds[0] for kind in kinds):
+        raise InputError("the estimators are not built alike", mend="build them for the same channels")
+    workers = min(workers or os.cpu_count() or 1, len(logs))
+    per_log = CHUNK * (len(each[0].channels) + 1 + _ROW) * 8
+    size = int(max(1, min(memory // (per_log * workers), -(-len(logs) // workers))))
+    order = np.argsort([-len(log) for log in logs], kind="stable")
+    groups = [order[i : i + size] for i in range(0, len(order), size)]
+
+    def run(group: NDArray[np.int64]) -> list[Estimates]:
+        # the last group is filled up, so that every group has the compiled shape
+        members = np.resize(group, size)
+        return _run_group([each[int(i)] for i in members], [logs[int(i)] for i in members])[: len(group)]
+
+    results: dict[int, Estimates] = {}
+    with ThreadPoolExecutor(workers) as pool:
+        for group, estimates in zip(groups, pool.map(run, groups), strict=True):
+            results |= {int(i): e for i, e in zip(group, estimates, strict=True)}
+            if progress is not None:
+                progress(len(results), len(logs))
+    return [results[i] for i in range(len(logs))]
+
+
+def _run_group(estimators: list[Estimator[Any]], logs: list[Log]) -> list[Estimates]:
+    """Run logs together, each to the end of the longest."""
+    static = eqx.partition(estimators[0], eqx.is_array)[1]
+    arrays = [eqx.filter(e, eqx.is_array) for e in estimators]
+    params = jax.tree.map(lambda *leaves: np.stack(leaves), *arrays)
+    starts = [start(e) for e in estimators]
+    layout = starts[0][1]
+    states = jax.tree.map(lambda *leaves: np.stack(leaves), *[packed for packed, _ in starts])
+    each = [inputs(e, log) for e, log in zip(estimators, logs, strict=True)]
+    parts: list[dict[str, NDArray[Any]]] = []
+    for begin in range(0, max(len(log) for log in logs), CHUNK):
+        cuts = [cut(samples, dt, begin) for samples, dt in each]
+        samples, dt = (np.stack(column) for column in zip(*cuts, strict=True))
+        states, rows, row_layout = _scan_chunks(params, static, layout, states, samples, dt)
+        parts.append({k: np.asarray(v) for k, v in rows.items()})
+    results = []
+    for i, (estimator, log) in enumerate(zip(estimators, logs, strict=True)):
+        whole = {k: np.concatenate([p[k][i] for p in parts])[: len(log)] for k in parts[0]}
+        results.append(to_estimates(estimator, log, row_layout.unpack(whole)))
+    return results

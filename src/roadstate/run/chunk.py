@@ -1,0 +1,116 @@
+"""What scan, batch and stream share: one step, its packed state, and the compiled loop over a chunk."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+from numpy.typing import NDArray
+
+from roadstate import __version__
+from roadstate.core import Estimates, Log
+from roadstate.core.gaussian import Gate, Reason
+from roadstate.core.packing import Layout
+from roadstate.estimators.base import Estimate, Estimator
+
+CHUNK = 8192
+"""Samples a compiled scan takes at once: any log runs through this one program, padded at its end."""
+
+
+class Row(NamedTuple):
+    """What one step leaves behind."""
+
+    estimate: Estimate
+    innovation: Float[Array, " m"]
+    innovation_std: Float[Array, " m"]
+    nis: Float[Array, ""]
+    gate: Int[Array, " m"]
+
+
+def advance(estimator: Estimator[Any], state: Any, sample: Mapping[str, Any], dt: Any) -> tuple[Any, Row]:
+    """One step, and what to keep of it."""
+    state, info = estimator.step(state, sample, dt)
+    nis = jnp.where(info.reason == Reason.OK, info.nis, jnp.nan)
+    spread = jnp.sqrt(jnp.diagonal(info.S))
+    return state, Row(estimator.estimate(state), info.innovation, spread, nis, info.gate)
+
+
+@eqx.filter_jit
+def start(estimator: Estimator[Any]) -> tuple[dict[str, Any], Layout]:
+    """The packed state before the first sample, and how it unpacks."""
+    state = estimator.init()
+    layout = Layout(state)
+    return layout.pack(state), layout
+
+
+def scan_steps(
+    estimator: Estimator[Any],
+    layout: Layout,
+    state: Any,
+    samples: Float[Array, "k c"],
+    dt: Float[Array, " k"],
+) -> tuple[Any, Any, Layout]:
+    """Scan over a chunk: final state and rows, both packed, and how the rows unpack.
+
+    Packed, since a loop's cost is in the number of arrays it carries and emits.
+    """
+    row_layout: Layout | None = None
+
+    def body(packed: Any, row: Any) -> tuple[Any, Any]:
+        nonlocal row_layout
+        values, step = row
+        sample = {c: values[i] for i, c in enumerate(estimator.channels)}
+        new, out = advance(estimator, layout.unpack(packed), sample, step)
+        row_layout = Layout(out)
+        return layout.pack(new), row_layout.pack(out)
+
+    final, rows = jax.lax.scan(body, state, (samples, dt))
+    assert row_layout is not None  # the body has been traced
+    return final, rows, row_layout
+
+
+def inputs(estimator: Estimator[Any], log: Log) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(T, c) samples of the estimator's channels, NaN where the log has none, and (T,) steps in s."""
+    missing = np.full(len(log), np.nan)
+    samples = np.stack([log.channels.get(c, missing) for c in estimator.channels], axis=1)
+    return samples, np.diff(log.time, prepend=log.time[0])
+
+
+def cut(
+    samples: NDArray[np.float64], dt: NDArray[np.float64], begin: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The chunk from row ``begin``, filled up with missing samples that take no time."""
+    part, steps = samples[begin : begin + CHUNK], dt[begin : begin + CHUNK]
+    pad = CHUNK - len(part)
+    return np.pad(part, ((0, pad), (0, 0)), constant_values=np.nan), np.pad(steps, (0, pad))
+
+
+def to_estimates(estimator: Estimator[Any], log: Log, rows: Row) -> Estimates:
+    """Rows of a whole log as estimates."""
+
+    def host(tree: Mapping[str, Any]) -> dict[str, NDArray[np.float64]]:
+        return {k: np.asarray(v, dtype=np.float64) for k, v in tree.items()}
+
+    refused = (np.asarray(rows.gate) == Gate.REJECTED).sum(axis=0)
+    return Estimates(
+        time=log.time,
+        values=host(rows.estimate.values),
+        std=host(rows.estimate.std),
+        validity=np.asarray(rows.estimate.validity, dtype=np.int8),
+        sensors=tuple(estimator.sensors),
+        innovation=np.asarray(rows.innovation, dtype=np.float64),
+        innovation_std=np.asarray(rows.innovation_std, dtype=np.float64),
+        nis=np.asarray(rows.nis, dtype=np.float64),
+        metadata={
+            "estimator": estimator.name,
+            "roadstate": __version__,
+            "jax": jax.__version__,
+            "rejected": {s: int(n) for s, n in zip(estimator.sensors, refused, strict=True)},
+            "log": dict(log.metadata),
+        },
+    )
