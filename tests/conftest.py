@@ -1,12 +1,20 @@
-"""Shared fixtures."""
+"""Shared fixtures, and one compilation cache for all runs of the tests."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+from roadstate.core.numerics import use_compilation_cache
 
 ROOT = Path(__file__).resolve().parent.parent
+
+use_compilation_cache()  # the tests wait for compilers more than for anything else
+# examples that compile, or wait for a busy machine, have no deadline
+settings.register_profile("roadstate", deadline=None)
+settings.load_profile("roadstate")
 
 
 @pytest.fixture(scope="session")

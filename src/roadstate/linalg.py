@@ -12,6 +12,7 @@ from typing import NamedTuple, TypeVar, cast
 import jax
 import jax.numpy as jnp
 import jax.scipy.linalg as jsl
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
 T = TypeVar("T")
@@ -54,6 +55,11 @@ def solve_lower(L: Float[Array, "m m"], b: Float[Array, " m"]) -> Float[Array, "
     for i in range(L.shape[0]):
         rows.append((b[i] - sum((L[i, j] * x for j, x in enumerate(rows)), jnp.zeros((), b.dtype))) / L[i, i])
     return jnp.stack(rows)
+
+
+def root(x: Array) -> Array:
+    """√x for x ≥ 0, with derivative 0 instead of infinity at 0: the noise of a step that takes no time."""
+    return jnp.sqrt(jnp.maximum(x, float(np.finfo(x.dtype).tiny)))
 
 
 def once(tree: T) -> T:

@@ -25,6 +25,15 @@ class StateSpaceModel(eqx.Module):
     states: eqx.AbstractVar[tuple[str, ...]]
     sensors: eqx.AbstractVar[tuple[str, ...]]
 
+    @property
+    def nonlinear(self) -> tuple[str, ...]:
+        """States in which f or h is not affine while the others are held; by default all of them.
+
+        f and h must be affine in the rest together, with coefficients that may depend on these. Filters that
+        can treat the rest exactly save work by it; they do best where these states come first.
+        """
+        return self.states
+
     @abstractmethod
     def f(self, x: Float[Array, " n"], u: Any, dt: Float[Array, ""]) -> Float[Array, " n"]:
         """The state Δt later, without noise."""

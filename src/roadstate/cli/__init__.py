@@ -21,7 +21,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     if argv is not None:
         return run(list(argv))
-    # A process of our own, short-lived: tracing programs makes hundreds of thousands of objects that stay, and
+    # A short-lived process of our own: tracing programs makes hundreds of thousands of objects that stay, and
     # looking through them for garbage, now and at the end, took a fifth of the time of a one-minute log.
     gc.set_threshold(100_000, 50, 50)
     status = run(sys.argv[1:])

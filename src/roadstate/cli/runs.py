@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from threading import Event
 from typing import TYPE_CHECKING, Any
 
 from roadstate.core import REFERENCE_OF, Estimates, InputError, Log
@@ -11,6 +14,7 @@ from roadstate.core import REFERENCE_OF, Estimates, InputError, Log
 if TYPE_CHECKING:
     from roadstate.cli.logs import Source
     from roadstate.cli.progress import Work
+    from roadstate.estimators import Estimator
     from roadstate.metrics import Metrics
     from roadstate.vehicles import Vehicle
 
@@ -51,17 +55,39 @@ def run_log(
     from roadstate.core.numerics import use_compilation_cache
     from roadstate.estimators import build
     from roadstate.metrics import evaluate
-    from roadstate.run import scan
 
     use_compilation_cache()
     chosen = list(dict.fromkeys(estimators)) or _all_that_run(log)
     built = [build(one, vehicle, log.available) for one in chosen]
-    results: dict[str, Estimates] = {}
-    for one in built:
-        work.begin(f"{name}: {one.name}")
-        results[one.name] = scan(one, log, progress=work.advance)
+    work.begin(f"{name}: {', '.join(chosen)}")
+    results = dict(zip(chosen, _scan_together(built, log, work), strict=True))
     metrics = {one: evaluate(estimates, log, settle=settle) for one, estimates in results.items()}
     return Run(name, log, results, {one: m for one, m in metrics.items() if m})
+
+
+def _scan_together(built: Sequence[Estimator[Any]], log: Log, work: Work) -> list[Estimates]:
+    """Scan with all estimators at once: compiling and running one leaves the other cores idle."""
+    from roadstate.run import scan
+
+    done = [0] * len(built)
+    stop = Event()
+
+    def scan_one(i: int) -> Estimates:
+        def progress(samples: int, total: int) -> None:
+            if stop.is_set():
+                raise InterruptedError
+            done[i] = samples
+            work.advance(sum(done), total * len(built))
+
+        return scan(built[i], log, progress=progress)
+
+    with ThreadPoolExecutor(min(len(built), os.cpu_count() or 1)) as pool:
+        futures = [pool.submit(scan_one, i) for i in range(len(built))]
+        try:
+            return [future.result() for future in futures]
+        except BaseException:
+            stop.set()  # the others end at their next chunk, and leaving the pool waits for that
+            raise
 
 
 def run_all(

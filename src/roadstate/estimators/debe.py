@@ -26,6 +26,7 @@ from roadstate.estimators.signals import (
 )
 from roadstate.estimators.traction import Traction, TractionMeter, TractionState
 from roadstate.filters import UKF, FilterState, GateRule
+from roadstate.linalg import root
 from roadstate.statespace import StateSpaceModel
 
 if TYPE_CHECKING:
@@ -88,7 +89,7 @@ class DrivingModel(StateSpaceModel):
         """Force that is not known, force last seen ``age`` ago, and the road."""
         variance = u.intensity**2 * dt + _WANDER**2 * random_walk_growth(u.age, dt)
         return jnp.asarray(
-            jsl.block_diag(jnp.sqrt(variance)[None, None], self.road.sqrt_Q(jnp.abs(u.speed) * dt))
+            jsl.block_diag(root(variance)[None, None], self.road.sqrt_Q(jnp.abs(u.speed) * dt))
         )
 
     def sqrt_R(self, u: _Input) -> Float[Array, "m m"]:

@@ -24,6 +24,7 @@ from roadstate.estimators.signals import (
     signed_direction,
 )
 from roadstate.filters import KF, FilterState, GateRule
+from roadstate.linalg import root
 from roadstate.statespace import StateSpaceModel
 
 if TYPE_CHECKING:
@@ -81,13 +82,13 @@ class KinematicModel(StateSpaceModel):
         seen = self.accel_noise**2 * dt + _JERK**2 * random_walk_growth(u.age, dt)
         unseen = _UNKNOWN_ACCEL**2 * dt
         blocks = [
-            jnp.sqrt(jnp.where(u.age < _STALE, seen, unseen))[None, None],
+            root(jnp.where(u.age < _STALE, seen, unseen))[None, None],
             self.road.sqrt_Q(jnp.abs(u.speed) * dt),
         ]
         if "bias" in self.states:
-            blocks.append((self.bias_std * jnp.sqrt(-jnp.expm1(-2 * dt / _BIAS_TIME)))[None, None])
+            blocks.append((self.bias_std * root(-jnp.expm1(-2 * dt / _BIAS_TIME)))[None, None])
         if "altitude" in self.states:
-            blocks.append((_ALTITUDE_WANDER * jnp.sqrt(jnp.abs(u.speed) * dt))[None, None])
+            blocks.append((_ALTITUDE_WANDER * root(jnp.abs(u.speed) * dt))[None, None])
         return jnp.asarray(jsl.block_diag(*blocks))
 
     def sqrt_R(self, u: _Input) -> Float[Array, "m m"]:

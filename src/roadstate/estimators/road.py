@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
+
+from roadstate.linalg import root
 
 
 class GradePrior(eqx.Module):
@@ -50,9 +51,8 @@ class GradePrior(eqx.Module):
         a = jnp.where(x < 0.05, series, 1 - decay * (1 + 2 * x + 2 * x**2))
         b = 2 * x**2 * decay
         c = -jnp.expm1(-2 * x) + 2 * x * decay * (1 - x)
-        tiny = float(np.finfo(x.dtype).tiny)  # a floor rather than 0, whose root has no derivative
-        first = jnp.sqrt(jnp.maximum(a, tiny))
+        first = root(a)
         cross = b / first
-        last = jnp.sqrt(jnp.maximum(c - cross**2, tiny))
+        last = root(c - cross**2)
         zero = jnp.zeros_like(x)
         return self.std * jnp.stack([jnp.stack([first, zero]), jnp.stack([rate * cross, rate * last])])

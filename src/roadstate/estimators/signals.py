@@ -130,8 +130,9 @@ class SpeedMeter(eqx.Module):
             direction: −1 where an unsigned speed means backward.
         """
         if not self._axles:
-            speeds = jnp.stack([sample["speed"]])
-            speeds = jnp.where(speeds < 0, speeds, direction * speeds)
+            seen, speed = _split(sample["speed"])
+            signed = jnp.where(speed < 0, speed, direction * speed)
+            speeds = jnp.where(seen, signed, jnp.nan)[None]
         else:
             rows = []
             for axle in self._axles:
@@ -148,7 +149,7 @@ class SpeedMeter(eqx.Module):
                 mean = sum(sides, jnp.zeros(())) / jnp.maximum(count, 1)
                 rows.append(jnp.where(count > 0, mean, jnp.nan))
             speeds = jnp.stack(rows)
-        slow = jnp.where(jnp.abs(jnp.nan_to_num(speeds)) < _DEAD_BAND, _DEAD_BAND_STD, 0.0)
+        slow = jnp.where(jnp.abs(speeds) < _DEAD_BAND, _DEAD_BAND_STD, 0.0)
         return speeds, jnp.hypot(self._noise, slow)
 
     def steer(self, sample: Sample) -> Float[Array, ""]:

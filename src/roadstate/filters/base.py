@@ -12,11 +12,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from roadstate.core.gaussian import Gate, Gaussian, Info, Reason
-from roadstate.linalg import correct, product
+from roadstate.linalg import correct, once, product, tria
 from roadstate.statespace import StateSpaceModel
 
 T = TypeVar("T")
-_LOG_2PI = 1.8378770664093453
+LOG_2PI = 1.8378770664093453
 
 
 class FilterState(NamedTuple):
@@ -29,6 +29,22 @@ class FilterState(NamedTuple):
 
     gaussian: Gaussian
     rejected: Int[Array, " m"]
+
+
+class Moved(NamedTuple):
+    """A Gaussian carried through f, as deviations: P = X Xᵀ, Cov(x⁺, x) = X⁺ Xᵀ, P⁺ = X⁺ X⁺ᵀ + N Nᵀ.
+
+    Attributes:
+        mean: (n,) x̂⁺.
+        before: (n, k) X.
+        after: (n, k) X⁺, what becomes of the same columns.
+        noise: (n, q) N: √Q, and what f adds that is uncorrelated with x.
+    """
+
+    mean: Float[Array, " n"]
+    before: Float[Array, "n k"]
+    after: Float[Array, "n k"]
+    noise: Float[Array, "n q"]
 
 
 class GateRule(eqx.Module):
@@ -64,6 +80,29 @@ class GateRule(eqx.Module):
         codes = jnp.where(present, jnp.where(refuse, Gate.REJECTED, Gate.PASSED), Gate.NOT_TESTED)
         counter = jnp.where(refuse, rejected + 1, jnp.where(present, 0, rejected))
         return used, codes, counter
+
+
+def examine(
+    gate: GateRule | None,
+    innovation: Float[Array, " m"],
+    variance: Float[Array, " m"],
+    rejected: Int[Array, " m"],
+) -> tuple[Bool[Array, " m"], Int[Array, " m"], Int[Array, " m"]]:
+    """Which samples to take: those that are there and pass the gate, if there is one.
+
+    Args:
+        gate: ``None`` takes every sample.
+        innovation: (m,) z − ẑ, NaN where the sample is missing.
+        variance: (m,) of the innovation.
+        rejected: (m,) how many samples of each sensor were refused in a row.
+
+    Returns:
+        ``(used, codes, rejected)`` as of :class:`GateRule`.
+    """
+    present = jnp.isfinite(innovation)
+    if gate is None:
+        return present, jnp.full(innovation.shape, Gate.NOT_TESTED), rejected
+    return gate(jnp.where(present, innovation, 0) ** 2 / variance, present, rejected)
 
 
 def _is_finite(gaussian: Gaussian) -> Bool[Array, ""]:
@@ -109,7 +148,7 @@ class Filter(eqx.Module, Generic[S]):
         """
         ahead = self.predict(model, state, u, dt)
         finite = self._is_finite(ahead)
-        updated, info = self.update(model, ahead, u, z)
+        updated, info = self.update(model, _select(finite, ahead, state), u, z)
         reason = jnp.where(finite, info.reason, Reason.NOT_FINITE)
         return _select(finite, updated, state), replace(info, ok=info.ok & finite, reason=reason)
 
@@ -119,13 +158,25 @@ class Filter(eqx.Module, Generic[S]):
 
 
 class GaussianFilter(Filter[FilterState]):
-    """What the square-root Gaussian filters share: how deviations become a posterior and an :class:`Info`."""
+    """What the square-root Gaussian filters share: how deviations become a Gaussian and an :class:`Info`."""
 
     gate: eqx.AbstractVar[GateRule | None]
+
+    @abstractmethod
+    def move(self, model: StateSpaceModel, gaussian: Gaussian, u: Any, dt: Float[Array, ""]) -> Moved:
+        """What f makes of a Gaussian over Δt, as this filter approximates it."""
 
     def init(self, model: StateSpaceModel) -> FilterState:
         """The model's prior, with clear gates."""
         return FilterState(model.prior(), jnp.zeros(len(model.sensors), jnp.int32))
+
+    def predict(
+        self, model: StateSpaceModel, state: FilterState, u: Any, dt: Float[Array, ""]
+    ) -> FilterState:
+        """Time update."""
+        moved = self.move(model, state.gaussian, u, dt)
+        spread = once(jnp.concatenate([moved.after, moved.noise], axis=1))
+        return FilterState(Gaussian(moved.mean, tria(spread)), state.rejected)
 
     def posterior(self, state: FilterState) -> Gaussian:
         """The Gaussian held."""
@@ -140,15 +191,9 @@ class GaussianFilter(Filter[FilterState]):
         sensor_rows: Float[Array, "m k"],
         sqrt_R: Float[Array, "m m"],
     ) -> tuple[FilterState, Info]:
-        present = jnp.isfinite(z)
-        innovation = z - z_hat
+        innovation = jnp.where(jnp.isfinite(z), z - z_hat, jnp.nan)
         S = product(sensor_rows, sensor_rows.T) + product(sqrt_R, sqrt_R.T)
-        squared = jnp.where(present, innovation, 0) ** 2 / jnp.diagonal(S)
-        rejected = state.rejected
-        if self.gate is None:
-            used, codes = present, jnp.full(z.shape, Gate.NOT_TESTED)
-        else:
-            used, codes, rejected = self.gate(squared, present, rejected)
+        used, codes, rejected = examine(self.gate, innovation, jnp.diagonal(S), state.rejected)
         result = correct(state_rows, sensor_rows, sqrt_R, innovation, used)
         posterior = Gaussian(state.gaussian.mean + result.delta, result.factor)
         finite = _is_finite(posterior)
@@ -157,10 +202,10 @@ class GaussianFilter(Filter[FilterState]):
         reason = jnp.where(finite, jnp.where(any_used, Reason.OK, Reason.NO_MEASUREMENT), Reason.NOT_FINITE)
         count = jnp.sum(used)
         return FilterState(posterior, rejected), Info(
-            innovation=jnp.where(present, innovation, jnp.nan),
+            innovation=innovation,
             S=S,
             nis=result.nis,
-            log_likelihood=-0.5 * (result.nis + result.log_det + count * _LOG_2PI),
+            log_likelihood=-0.5 * (result.nis + result.log_det + count * LOG_2PI),
             gate=codes,
             ok=finite,
             reason=reason,

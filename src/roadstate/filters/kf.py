@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import Any, ClassVar
 
+import equinox as eqx
 import jax
-import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from roadstate.core.gaussian import Gaussian, Info
-from roadstate.filters.base import FilterState, GateRule, GaussianFilter
-from roadstate.linalg import once, product, tria
+from roadstate.filters.base import FilterState, GateRule, GaussianFilter, Moved
+from roadstate.linalg import once, product
 from roadstate.statespace import StateSpaceModel
 
 
@@ -26,17 +26,14 @@ class KF(GaussianFilter):
     """
 
     name: ClassVar[str] = "kf"
-    gate: GateRule | None = None
+    gate: GateRule | None = eqx.field(default=None, kw_only=True)
 
-    def predict(
-        self, model: StateSpaceModel, state: FilterState, u: Any, dt: Float[Array, ""]
-    ) -> FilterState:
-        """Time update."""
-        mean, factor = state.gaussian.mean, state.gaussian.factor
+    def move(self, model: StateSpaceModel, gaussian: Gaussian, u: Any, dt: Float[Array, ""]) -> Moved:
+        """f, linearised at the mean."""
+        mean, factor = gaussian.mean, gaussian.factor
         u = once(u)
         moved, F, noise = once((model.f(mean, u, dt), jax.jacfwd(model.f)(mean, u, dt), model.sqrt_Q(u, dt)))
-        spread = once(jnp.concatenate([product(F, factor), noise], axis=1))
-        return FilterState(Gaussian(moved, tria(spread)), state.rejected)
+        return Moved(moved, factor, product(F, factor), noise)
 
     def update(
         self, model: StateSpaceModel, state: FilterState, u: Any, z: Float[Array, " m"]

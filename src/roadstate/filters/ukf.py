@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from roadstate.core.gaussian import Gaussian, Info
-from roadstate.filters.base import FilterState, GateRule, GaussianFilter
+from roadstate.filters.base import FilterState, GateRule, GaussianFilter, Moved
 from roadstate.linalg import once, tria
 from roadstate.statespace import StateSpaceModel
 
@@ -46,31 +46,39 @@ class UKF(GaussianFilter):
         gate: innovation gate, or ``None`` to take every sample.
 
     Raises:
-        ValueError: parameters for which the covariance need not be positive: β < α² with κ < 0 or α < 1.
+        ValueError: parameters for which the covariance need not be positive (β < 0, or β < α² with κ < 0 or
+            α < 1); in :meth:`init`, n + κ ≤ 0.
     """
 
     name: ClassVar[str] = "ukf"
-    alpha: float = eqx.field(default=1.0, static=True)
-    beta: float = eqx.field(default=2.0, static=True)
-    kappa: float = eqx.field(default=0.0, static=True)
-    gate: GateRule | None = None
+    alpha: float = eqx.field(default=1.0, static=True, kw_only=True)
+    beta: float = eqx.field(default=2.0, static=True, kw_only=True)
+    kappa: float = eqx.field(default=0.0, static=True, kw_only=True)
+    gate: GateRule | None = eqx.field(default=None, kw_only=True)
 
     def __check_init__(self) -> None:
         """Refuse parameters that can yield an indefinite covariance."""
         if not 0 < self.alpha <= 1:
             raise ValueError(f"alpha must lie in (0, 1], got {self.alpha}")
+        if not self.beta >= 0:
+            raise ValueError(f"beta must not be negative, got {self.beta}; 2 suits a Gaussian")
         if self.beta < self.alpha**2 and (self.kappa < 0 or self.alpha < 1):
             raise ValueError("beta < alpha² can give an indefinite covariance here; choose beta = 2")
 
-    def predict(
-        self, model: StateSpaceModel, state: FilterState, u: Any, dt: Float[Array, ""]
-    ) -> FilterState:
-        """Time update."""
+    def init(self, model: StateSpaceModel) -> FilterState:
+        """The model's prior, with clear gates."""
+        n = len(model.states)
+        if not n + self.kappa > 0:
+            raise ValueError(f"kappa must exceed -{n} with {n} states, got {self.kappa}")
+        return super().init(model)
+
+    def move(self, model: StateSpaceModel, gaussian: Gaussian, u: Any, dt: Float[Array, ""]) -> Moved:
+        """f at the sigma points; the centre's column is uncorrelated with x."""
         u = once(u)
-        points = self._points(state.gaussian)
+        points = self._points(gaussian)
         moments = self._moments(once(jax.vmap(lambda x: model.f(x, u, dt))(points)))
-        spread = once(jnp.concatenate([moments.paired, moments.center, model.sqrt_Q(u, dt)], axis=1))
-        return FilterState(Gaussian(moments.mean, tria(spread)), state.rejected)
+        noise = jnp.concatenate([moments.center, model.sqrt_Q(u, dt)], axis=1)
+        return Moved(moments.mean, self._moments(points).paired, moments.paired, noise)
 
     def update(
         self, model: StateSpaceModel, state: FilterState, u: Any, z: Float[Array, " m"]

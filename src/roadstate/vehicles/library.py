@@ -13,9 +13,9 @@ from pydantic import ValidationError
 
 from roadstate.core.channels import did_you_mean
 from roadstate.core.errors import InputError
+from roadstate.core.yaml_text import read_yaml
 from roadstate.vehicles.messages import as_input_error
 from roadstate.vehicles.parameters import Vehicle
-from roadstate.core.yaml_text import read_yaml
 
 _LARGEST = 100_000
 """Bytes; a vehicle file has a few thousand, and YAML is slow to read."""

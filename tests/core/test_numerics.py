@@ -1,0 +1,121 @@
+"""Packing of pytrees, Gaussians in square-root form, and the compilation cache."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from roadstate.core import numerics
+from roadstate.core.gaussian import Gaussian
+from roadstate.core.packing import Layout
+
+TREE: dict[str, Any] = {
+    "matrix": jnp.arange(6.0).reshape(2, 3),
+    "scalar": jnp.asarray(-0.0),
+    "count": jnp.asarray(7, jnp.int32),
+    "flag": jnp.asarray([True, False]),
+    "half": (jnp.asarray([1 / 3], jnp.float32), jnp.zeros((0,))),
+}
+
+
+def test_packing_is_exact() -> None:
+    layout = Layout(TREE)
+    packed = layout.pack(TREE)
+    assert {kind: vector.shape for kind, vector in packed.items()} == {
+        "float64": (7,),
+        "int32": (1,),
+        "bool": (2,),
+        "float32": (1,),
+    }
+    back = layout.unpack(packed)
+    assert jax.tree.structure(back) == jax.tree.structure(TREE)
+    for a, b in zip(jax.tree.leaves(TREE), jax.tree.leaves(back), strict=True):
+        assert a.dtype == b.dtype
+        np.testing.assert_array_equal(a, b)
+        assert (jnp.signbit(a) == jnp.signbit(b)).all() if a.dtype.kind == "f" else True
+
+
+def test_leading_axes_stay_in_front() -> None:
+    layout = Layout(TREE)
+    stacked = jax.vmap(layout.pack)(jax.tree.map(lambda x: jnp.stack([x, x, x]), TREE))
+    rows = layout.unpack({k: np.asarray(v) for k, v in stacked.items()})
+    assert rows["matrix"].shape == (3, 2, 3)
+    np.testing.assert_array_equal(rows["matrix"][1], TREE["matrix"])
+
+
+def test_a_layout_is_known_by_its_shapes_alone() -> None:
+    shapes = jax.eval_shape(lambda: TREE)
+    assert Layout(shapes) == Layout(TREE)
+    assert hash(Layout(shapes)) == hash(Layout(TREE))
+    assert Layout(TREE) != Layout({**TREE, "count": jnp.asarray(7, jnp.int16)})
+    assert Layout(TREE) != Layout({**TREE, "scalar": jnp.zeros(2)})
+    assert Layout(TREE) != "layout"
+
+
+def test_another_tree_does_not_fit() -> None:
+    with pytest.raises(ValueError, match=r"zip\(\) argument 2"):
+        Layout(TREE).pack({"a": jnp.zeros(2)})
+
+
+def test_a_gaussian_knows_its_covariance() -> None:
+    gaussian = Gaussian(jnp.zeros(2), jnp.asarray([[3.0, 0], [4.0, 5.0]]))
+    np.testing.assert_allclose(gaussian.cov, [[9, 12], [12, 41]])
+    np.testing.assert_allclose(gaussian.std, [3, np.sqrt(41)])
+
+
+def python(code: str, **environment: str) -> str:
+    run = subprocess.run(
+        [sys.executable, "-c", code],
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return run.stdout.strip()
+
+
+def test_programs_are_kept_in_the_cache(tmp_path: Path) -> None:
+    code = """
+from roadstate.core.numerics import use_compilation_cache
+import jax
+folder = use_compilation_cache()
+print(folder, jax.config.jax_compilation_cache_dir, jax.numpy.zeros(1).dtype)
+jax.jit(lambda x: jax.numpy.linalg.qr(x @ x)[1])(jax.numpy.eye(40)).block_until_ready()
+"""
+    folder = tmp_path / "a" / "b"
+    # whoever sets JAX_ENABLE_X64 decides on the precision
+    assert python(code, ROADSTATE_CACHE=str(folder), JAX_ENABLE_X64="0") == f"{folder} {folder} float32"
+    assert list(folder.iterdir())
+
+
+def test_the_cache_can_be_off(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    before = jax.config.jax_compilation_cache_dir
+    monkeypatch.setenv("ROADSTATE_CACHE", "")
+    assert numerics.use_compilation_cache() is None
+    (tmp_path / "file").touch()
+    assert numerics.use_compilation_cache(tmp_path / "file" / "x") is None
+    assert jax.config.jax_compilation_cache_dir == before
+
+
+def test_the_cache_lies_in_the_users_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", "/somewhere")
+    assert numerics._default_folder() == "/somewhere/roadstate/jax"
+    monkeypatch.delenv("XDG_CACHE_HOME")
+    monkeypatch.setenv("HOME", "/home/me")
+    assert numerics._default_folder() == "/home/me/.cache/roadstate/jax"
+
+
+def test_double_precision_is_the_default() -> None:
+    assert jnp.zeros(1).dtype == jnp.float64
+
+
+def test_the_shared_types_do_not_wait_for_jax() -> None:
+    assert python("import sys, roadstate, roadstate.core; print('jax' in sys.modules)") == "False"
