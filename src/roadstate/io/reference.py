@@ -85,7 +85,8 @@ def slope_reference(
 def _travelled(speed: Signal, time: Array, over: float) -> tuple[Array, Array]:
     """Distance and speed at ``time``; across gaps the distance leaps so far that no window spans them."""
     good = np.isfinite(speed.values)
-    t, v = speed.time[good], speed.values[good]
+    # backing up is no way along the road, and would put the places out of order
+    t, v = speed.time[good], np.maximum(speed.values[good], 0.0)
     if len(t) < 2:
         nothing = np.full(len(time), np.nan)
         return nothing, nothing
