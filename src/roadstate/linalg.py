@@ -90,7 +90,7 @@ class Correction(NamedTuple):
 def correct(
     state_rows: Float[Array, "n k"],
     sensor_rows: Float[Array, "m k"],
-    sqrt_R: Float[Array, "m m"],
+    sqrt_R: Float[Array, "m q"],
     innovation: Float[Array, " m"],
     used: Bool[Array, " m"],
 ) -> Correction:
@@ -105,7 +105,7 @@ def correct(
     Args:
         state_rows: (n, k) X.
         sensor_rows: (m, k) Z.
-        sqrt_R: (m, m) any factor of R; rows belong to sensors.
+        sqrt_R: (m, q) any factor of R; rows belong to sensors.
         innovation: (m,) z − ẑ; may be anything where ``used`` is false.
         used: (m,) sensors to take; the others have no effect at all.
     """
@@ -114,7 +114,7 @@ def correct(
     keep = used[:, None]
     skipped = jnp.diag((~used).astype(dtype))
     top = jnp.concatenate([jnp.where(keep, sqrt_R, 0), skipped, jnp.where(keep, sensor_rows, 0)], axis=1)
-    bottom = jnp.concatenate([jnp.zeros((n, 2 * m), dtype), state_rows], axis=1)
+    bottom = jnp.concatenate([jnp.zeros((n, sqrt_R.shape[1] + m), dtype), state_rows], axis=1)
     L = tria(jnp.concatenate([top, bottom]))
     sqrt_S, gain = L[:m, :m], L[m:, :m]
     whitened = solve_lower(sqrt_S, jnp.where(used, innovation, 0))

@@ -7,11 +7,44 @@ import pkgutil
 from functools import cache
 from typing import Any
 
+from roadstate.filters.adaptive import AdaptiveEKF, AdaptiveNoise, AdaptiveState, AdaptiveUKF
+from roadstate.filters.averages import Forgetting, Window
 from roadstate.filters.base import Filter, FilterState, GateRule, GaussianFilter
+from roadstate.filters.constraints import Bounded, project, truncate
+from roadstate.filters.ekf import EKF, IteratedEKF
+from roadstate.filters.fading import StrongTracking
+from roadstate.filters.fuzzy import FuzzyNoise
+from roadstate.filters.hinfinity import ExtendedHInfinity, HInfinityState
 from roadstate.filters.kf import KF
+from roadstate.filters.limited_memory import LimitedMemoryEKF, LimitedMemoryState
 from roadstate.filters.ukf import UKF
 
-__all__ = ["KF", "UKF", "Filter", "FilterState", "GateRule", "GaussianFilter", "all_filters"]
+__all__ = [
+    "EKF",
+    "KF",
+    "UKF",
+    "AdaptiveEKF",
+    "AdaptiveNoise",
+    "AdaptiveState",
+    "AdaptiveUKF",
+    "Bounded",
+    "ExtendedHInfinity",
+    "Filter",
+    "FilterState",
+    "Forgetting",
+    "FuzzyNoise",
+    "GateRule",
+    "GaussianFilter",
+    "HInfinityState",
+    "IteratedEKF",
+    "LimitedMemoryEKF",
+    "LimitedMemoryState",
+    "StrongTracking",
+    "Window",
+    "all_filters",
+    "project",
+    "truncate",
+]
 
 
 @cache

@@ -1,0 +1,95 @@
+"""Resampling: which particles live on, and how often."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from roadstate.filters.draws import Draws
+
+Resampling = Callable[[Float[Array, " N"], Draws], Int[Array, " N"]]
+"""(N,) weights that sum to 1 and a source of random numbers → (N,) ancestors in rising order.
+
+Every scheme is unbiased: particle i has N w_i offspring on average (compared by Douc, Cappé & Moulines 2005).
+"""
+
+
+def systematic(weights: Float[Array, " N"], draws: Draws) -> Int[Array, " N"]:
+    """Points (i + U)/N with one U for all: each particle has ⌊N w⌋ or ⌈N w⌉ offspring (Kitagawa 1996).
+
+    Args:
+        weights: (N,) that sum to 1.
+        draws: random numbers.
+    """
+    u = draws.uniform((), weights.dtype)
+    return _ancestors(jnp.ceil(_scaled_sums(weights) - u))
+
+
+def stratified(weights: Float[Array, " N"], draws: Draws) -> Int[Array, " N"]:
+    """Points (i + U_i)/N (Kitagawa 1996).
+
+    Args:
+        weights: (N,) that sum to 1.
+        draws: random numbers.
+    """
+    u = draws.uniform(weights.shape, weights.dtype)
+    sums = _scaled_sums(weights)
+    stratum = jnp.floor(sums)
+    inside = u[jnp.minimum(stratum.astype(jnp.int32), weights.shape[0] - 1)] < sums - stratum
+    return _ancestors(stratum + inside)
+
+
+def multinomial(weights: Float[Array, " N"], draws: Draws) -> Int[Array, " N"]:
+    """N independent draws (Gordon, Salmond & Smith 1993), already sorted: sums of exponential variables.
+
+    Args:
+        weights: (N,) that sum to 1.
+        draws: random numbers.
+    """
+    count = weights.shape[0]
+    waiting = jnp.cumsum(-jnp.log(draws.uniform((count + 1,), weights.dtype)))
+    points = waiting[:-1] / waiting[-1]
+    found = jnp.searchsorted(_scaled_sums(weights), points * count, side="right")
+    return jnp.minimum(found, count - 1).astype(jnp.int32)
+
+
+def residual(weights: Float[Array, " N"], draws: Draws) -> Int[Array, " N"]:
+    """⌊N w⌋ offspring for sure, the rest drawn independently from what is left over (Liu & Chen 1998).
+
+    Args:
+        weights: (N,) that sum to 1.
+        draws: random numbers.
+    """
+    count = weights.shape[0]
+    certain = jnp.floor(weights * count)
+    left = jnp.cumsum(weights * count - certain)
+    drawn = jnp.searchsorted(left, draws.uniform(weights.shape, weights.dtype) * left[-1], side="right")
+    missing = jnp.arange(count) < count - jnp.sum(certain)
+    offspring = certain.astype(jnp.int32).at[jnp.minimum(drawn, count - 1)].add(missing.astype(jnp.int32))
+    return _ancestors(jnp.cumsum(offspring))
+
+
+RESAMPLING: dict[str, Resampling] = {
+    "systematic": systematic,
+    "stratified": stratified,
+    "multinomial": multinomial,
+    "residual": residual,
+}
+"""Every scheme by name."""
+
+
+def _scaled_sums(weights: Float[Array, " N"]) -> Float[Array, " N"]:
+    """N times the cumulative weights, N exactly at the end."""
+    sums = jnp.cumsum(weights)
+    return sums / sums[-1] * weights.shape[0]
+
+
+def _ancestors(ends: Array) -> Int[Array, " N"]:
+    """Ancestor of each offspring, particle i having those from ends_{i−1} up to ends_i: by counting, not
+    by searching.
+    """
+    count = ends.shape[0]
+    steps = jnp.zeros(count, jnp.int32).at[ends.astype(jnp.int32)].add(1, mode="drop")
+    return jnp.minimum(jnp.cumsum(steps), count - 1)
