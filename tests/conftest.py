@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
+import jax
 import pytest
 from hypothesis import settings
 
@@ -15,6 +17,13 @@ use_compilation_cache()  # the tests wait for compilers more than for anything e
 # examples that compile, or wait for a busy machine, have no deadline
 settings.register_profile("roadstate", deadline=None)
 settings.load_profile("roadstate")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _forget_programs() -> Iterator[None]:
+    """Let go of a module's compiled programs, which otherwise come to gigabytes over a run."""
+    yield
+    jax.clear_caches()
 
 
 @pytest.fixture(scope="session")

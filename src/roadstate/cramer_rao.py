@@ -7,11 +7,15 @@ from typing import Any, NamedTuple, cast
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from roadstate.filters.weighted import masked
 from roadstate.linalg import correct, product, tria
 from roadstate.statespace import StateSpaceModel
+
+_GROUND = 64.0
+"""Noise in a direction counts as none below this many rounding errors of the largest."""
 
 
 class CramerRaoBound(NamedTuple):
@@ -46,8 +50,8 @@ def cramer_rao_bound(
 
     which needs no inverse of Q and is run in square-root form. For one drive V = 0, and the bound is the
     covariance of an extended Kalman filter that linearises at the truth (Taylor 1979). From several drives
-    expectations are means. States whose step has no noise add nothing to V: where F varies in such a row the
-    result is somewhat above the bound.
+    expectations are means. Directions in which a step has no noise add nothing to V: where F varies in one of
+    them the result is somewhat above the bound.
 
     The prior is the model's. F of the first step is taken at the first sample's state.
 
@@ -72,8 +76,7 @@ def _bound(model: StateSpaceModel, truth: Array, inputs: Any, dt: Array, present
         root = model.sqrt_Q(u, step_dt)
         mean_F = jnp.mean(F, axis=0)
         if len(F) > 1:
-            noisy = jnp.sum(root**2, axis=1) > 0
-            S = _inform(S, _whiten(masked(root, noisy), jnp.where(noisy[:, None], F - mean_F, 0)))
+            S = _inform(S, _whiten_within(root, F - mean_F))
         S = tria(jnp.concatenate([product(mean_F, S), root], axis=1))
         H = jax.vmap(jax.jacfwd(lambda x: model.h(x, u)))(now)
         S = _inform(S, _whiten(masked(model.sqrt_R(u), used), jnp.where(used[:, None], H, 0)))
@@ -87,6 +90,16 @@ def _bound(model: StateSpaceModel, truth: Array, inputs: Any, dt: Array, present
 def _whiten(L: Float[Array, "m m"], rows: Float[Array, "M m n"]) -> Float[Array, "M m n"]:
     """L⁻¹ of each of M sets of rows."""
     return jax.vmap(lambda r: jnp.asarray(jax.scipy.linalg.solve_triangular(L, r, lower=True)))(rows)
+
+
+def _whiten_within(root: Float[Array, "n q"], rows: Float[Array, "M n k"]) -> Float[Array, "M r k"]:
+    """Rows over the noise of their direction, in the directions that have any."""
+    size = jnp.sqrt(jnp.sum(root**2, axis=1, keepdims=True))  # states differ in unit, so in scale
+    size = jnp.where(size > 0, size, 1)
+    U, s, _ = jnp.linalg.svd(root / size, full_matrices=False)
+    ground = _GROUND * float(np.finfo(root.dtype).eps)
+    inverse = jnp.where(s > ground, 1 / jnp.where(s > ground, s, 1), 0)
+    return inverse[:, None] * (U.T @ (rows / size))
 
 
 def _inform(S: Float[Array, "n n"], rows: Float[Array, "M m n"]) -> Float[Array, "n n"]:

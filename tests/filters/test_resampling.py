@@ -102,3 +102,15 @@ def test_particles_without_weight_die(name: str, dtype: Any, parts: list[float],
     assert chosen.min() >= 0
     assert chosen.max() < 9
     assert (np.asarray(weights)[chosen] > 0).all()
+
+
+@pytest.mark.parametrize("name", RESAMPLING)
+@pytest.mark.parametrize("dtype", [jnp.float64, jnp.float32])
+def test_so_they_do_among_many(name: str, dtype: Any) -> None:
+    """A parallel cumulative sum moves by rounding where a weight is zero; that must not be a share."""
+    random = np.random.default_rng(0)
+    parts = np.where(random.random(20_000) < 0.5, 0.0, random.random(20_000) ** 3)
+    parts[-1] = 0
+    weights = jnp.asarray(parts / parts.sum(), dtype)
+    chosen = jax.jit(jax.vmap(lambda seed: RESAMPLING[name](weights, draws(seed))))(jnp.arange(100))
+    assert (np.asarray(weights)[np.asarray(chosen)] > 0).all()

@@ -189,7 +189,7 @@ class GaussianFilter(Filter[FilterState]):
         z_hat: Float[Array, " m"],
         state_rows: Float[Array, "n k"],
         sensor_rows: Float[Array, "m k"],
-        sqrt_R: Float[Array, "m m"],
+        sqrt_R: Float[Array, "m q"],
     ) -> tuple[FilterState, Info]:
         innovation = jnp.where(jnp.isfinite(z), z - z_hat, jnp.nan)
         S = product(sensor_rows, sensor_rows.T) + product(sqrt_R, sqrt_R.T)

@@ -8,6 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.scipy.special import logsumexp
 from jaxtyping import Array, Bool, Float, Int
 
 from roadstate.core.gaussian import Gate, Gaussian, Info
@@ -15,7 +16,7 @@ from roadstate.filters.base import Filter, FilterState, GateRule, GaussianFilter
 from roadstate.filters.switching import SwitchingModel
 from roadstate.filters.ukf import UKF
 from roadstate.filters.weighted import deviations, gaussian, normalized, told
-from roadstate.linalg import once, product
+from roadstate.linalg import once, product, root
 from roadstate.statespace import StateSpaceModel
 
 
@@ -72,22 +73,26 @@ class IMM(Filter[IMMState]):
         switching = _switching(model)
         return IMMState(
             modes=eqx.filter_vmap(self.filter.init)(switching.modes),
-            log_probability=jnp.log(switching.probability),
+            log_probability=_log(switching.probability),
             rejected=jnp.zeros(len(model.sensors), jnp.int32),
         )
 
     def predict(self, model: StateSpaceModel, state: IMMState, u: Any, dt: Float[Array, ""]) -> IMMState:
         """Mix, then move each mode's filter."""
         switching = _switching(model)
-        joint = switching.transition(dt) * state.probability[:, None]
-        after = jnp.sum(joint, axis=0)
-        likely = after > 0
-        weights = jnp.where(likely, joint / jnp.where(likely, after, 1), jnp.eye(len(after)))
-        mixed = jax.vmap(_mixture, (None, 1))(state.modes.gaussian, weights.astype(after.dtype))
+        jumps, before = switching.transition(dt), state.log_probability
+        joint = _log(jumps) + before[:, None]
+        possible = jnp.any(joint > -jnp.inf, axis=0)
+        # a mode that cannot be is left to itself
+        joint = jnp.where(possible, joint, jnp.log(jnp.eye(len(before), dtype=joint.dtype)))
+        after = logsumexp(joint, axis=0)
+        weights = jnp.exp(joint - after)
+        mixed = jax.vmap(_mixture, (None, 1))(state.modes.gaussian, weights)
         modes = eqx.filter_vmap(lambda mode, own: self.filter.predict(mode, own, u, dt))(
             switching.modes, state.modes._replace(gaussian=mixed)
         )
-        return state._replace(modes=modes, log_probability=normalized(jnp.log(after))[0])
+        log_probability, _ = normalized(jnp.where(possible, after, -jnp.inf))
+        return state._replace(modes=modes, log_probability=log_probability)
 
     def update(
         self, model: StateSpaceModel, state: IMMState, u: Any, z: Float[Array, " m"]
@@ -100,11 +105,12 @@ class IMM(Filter[IMMState]):
             return cast(tuple[FilterState, Info], run(switching.modes, state.modes))
 
         modes, infos = each(z)
-        fine = infos.ok & jnp.isfinite(infos.log_likelihood)
-        before, _ = normalized(jnp.where(fine, state.log_probability, -jnp.inf))
         present = jnp.isfinite(z)
-        mean, between = deviations(jnp.where(fine[:, None] & present, infos.innovation, 0).T, before)
-        spread = jnp.where(fine[:, None, None], infos.S, 0) * jnp.exp(before)[:, None, None]
+        surprise = jnp.where(present, infos.innovation, 0)
+        sound = jnp.all(jnp.isfinite(surprise), axis=1) & jnp.all(jnp.isfinite(infos.S), axis=(1, 2))
+        before, _ = normalized(jnp.where(sound, state.log_probability, -jnp.inf))
+        mean, between = deviations(jnp.where(sound[:, None], surprise, 0).T, before)
+        spread = jnp.where(sound[:, None, None], infos.S, 0) * jnp.exp(before)[:, None, None]
         factor = _cholesky(jnp.sum(spread, axis=0) + product(between, between.T))
         innovation = jnp.where(present, mean, jnp.nan)
         used, codes, rejected = examine(self.gate, innovation, jnp.sum(factor**2, axis=1), state.rejected)
@@ -113,6 +119,7 @@ class IMM(Filter[IMMState]):
             refused = jnp.any(codes == Gate.REJECTED)
             modes, infos = jax.lax.cond(refused, lambda: each(taken), lambda: (modes, infos))
 
+        fine = sound & infos.ok & jnp.isfinite(infos.log_likelihood)
         weighed = before + jnp.where(fine, infos.log_likelihood, -jnp.inf)
         log_probability, log_likelihood = normalized(weighed)
         ok = jnp.isfinite(log_likelihood)
@@ -132,10 +139,18 @@ def _switching(model: StateSpaceModel) -> SwitchingModel:
     return model if isinstance(model, SwitchingModel) else SwitchingModel.alone(model)
 
 
+def _log(probability: Array) -> Array:
+    """Logarithm, with derivative 0 instead of infinity at 0."""
+    positive = probability > 0
+    return jnp.where(positive, jnp.log(jnp.where(positive, probability, 1)), -jnp.inf)
+
+
 def _mixture(gaussians: Gaussian, weights: Float[Array, " K"]) -> Gaussian:
     """The Gaussian with a mixture's moments; leading axis K."""
-    mean, between = deviations(gaussians.mean.T, jnp.log(weights))
-    within = jnp.sqrt(weights)[:, None, None] * gaussians.factor
+    share = root(weights)
+    mean = weights @ gaussians.mean
+    between = (gaussians.mean - mean).T * share
+    within = share[:, None, None] * gaussians.factor
     return gaussian(mean, once(jnp.concatenate([between, *within], axis=1)))
 
 

@@ -109,15 +109,15 @@ class MarginalUKF(UKF):
             return value, jax.vmap(slope)(straight)
 
         if not self.exact:
-            values = self._pairs(once(jax.vmap(function)(points)), spread)
+            values = self._halves(once(jax.vmap(function)(points)), spread)
             rows = jnp.concatenate([values.odd, sloped(mean)[1]])
             return _Image(values.mean, rows.T, values.even.T)
-        values, slopes = (self._pairs(part, spread) for part in once(jax.vmap(sloped)(points)))
+        values, slopes = (self._halves(part, spread) for part in once(jax.vmap(sloped)(points)))
         rows = jnp.concatenate([values.odd, slopes.mean])
         wavering = jnp.concatenate([slopes.odd, slopes.even]).reshape(-1, rows.shape[1])
         return _Image(values.mean, rows.T, jnp.concatenate([values.even, wavering]).T)
 
-    def _pairs(self, values: Float[Array, "p ..."], spread: float) -> _Pairs:
+    def _halves(self, values: Float[Array, "p ..."], spread: float) -> _Pairs:
         """Moments of values at the centre, at the points on one side, and at those opposite.
 
         What the centre adds to the covariance, (β − α²) c cᵀ with c the mean less the centre's value, is put

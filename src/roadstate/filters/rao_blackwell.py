@@ -86,6 +86,7 @@ class RaoBlackwellPF(SIR[RaoBlackwellState]):
         held = state.sampled, state.mean, state.factor
         kept, log_weights = self._renew(held, state.log_weights, draws, dt)
         count, root = kept[0].shape[0], model.sqrt_Q(u, dt)[order]
+        root = jnp.pad(root, ((0, 0), (0, max(0, count - root.shape[1]))))  # √Q may have fewer columns than a
 
         def move(a: Array, b: Array, S: Array, normal: Array) -> tuple[Array, Array, Array]:
             value, rows = _along(lambda x: model.f(x, u, dt), order, a, b, S)

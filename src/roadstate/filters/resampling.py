@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
@@ -24,7 +25,9 @@ def systematic(weights: Float[Array, " N"], draws: Draws) -> Int[Array, " N"]:
         draws: random numbers.
     """
     u = draws.uniform((), weights.dtype)
-    return _ancestors(jnp.ceil(_scaled_sums(weights) - u))
+    sums, count = _scaled_sums(weights), weights.shape[0]
+    # N − u itself may be rounded to N − 1
+    return _ancestors(jnp.where(sums < count, jnp.ceil(sums - u), count))
 
 
 def stratified(weights: Float[Array, " N"], draws: Draws) -> Int[Array, " N"]:
@@ -51,8 +54,7 @@ def multinomial(weights: Float[Array, " N"], draws: Draws) -> Int[Array, " N"]:
     count = weights.shape[0]
     waiting = jnp.cumsum(-jnp.log(draws.uniform((count + 1,), weights.dtype)))
     points = waiting[:-1] / waiting[-1]
-    found = jnp.searchsorted(_scaled_sums(weights), points * count, side="right")
-    return jnp.minimum(found, count - 1).astype(jnp.int32)
+    return _owner(_scaled_sums(weights), points * count)
 
 
 def residual(weights: Float[Array, " N"], draws: Draws) -> Int[Array, " N"]:
@@ -64,10 +66,10 @@ def residual(weights: Float[Array, " N"], draws: Draws) -> Int[Array, " N"]:
     """
     count = weights.shape[0]
     certain = jnp.floor(weights * count)
-    left = jnp.cumsum(weights * count - certain)
-    drawn = jnp.searchsorted(left, draws.uniform(weights.shape, weights.dtype) * left[-1], side="right")
+    left = _sums(weights * count - certain)
+    drawn = _owner(left, draws.uniform(weights.shape, weights.dtype) * left[-1])
     missing = jnp.arange(count) < count - jnp.sum(certain)
-    offspring = certain.astype(jnp.int32).at[jnp.minimum(drawn, count - 1)].add(missing.astype(jnp.int32))
+    offspring = certain.astype(jnp.int32).at[drawn].add(missing.astype(jnp.int32))
     return _ancestors(jnp.cumsum(offspring))
 
 
@@ -81,9 +83,23 @@ RESAMPLING: dict[str, Resampling] = {
 
 
 def _scaled_sums(weights: Float[Array, " N"]) -> Float[Array, " N"]:
-    """N times the cumulative weights, N exactly at the end."""
-    sums = jnp.cumsum(weights)
+    """N times the cumulative weights, N exactly from the last particle with any weight on."""
+    sums = _sums(weights)
     return sums / sums[-1] * weights.shape[0]
+
+
+def _sums(parts: Float[Array, " N"]) -> Float[Array, " N"]:
+    """Cumulative sums that do not move where a part is zero.
+
+    Those of a parallel sum do, by rounding, which would give particles without weight a share of their own.
+    """
+    return jnp.asarray(jax.lax.cummax(jnp.where(parts > 0, jnp.cumsum(parts), 0)))
+
+
+def _owner(sums: Float[Array, " N"], points: Float[Array, " N"]) -> Int[Array, " N"]:
+    """In whose part of the sums each point lies; one that was rounded up to the end, in the last part."""
+    found = jnp.searchsorted(sums, points, side="right")
+    return jnp.minimum(found, jnp.searchsorted(sums, sums[-1])).astype(jnp.int32)
 
 
 def _ancestors(ends: Array) -> Int[Array, " N"]:

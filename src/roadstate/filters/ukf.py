@@ -12,20 +12,22 @@ from jaxtyping import Array, Float
 
 from roadstate.core.gaussian import Gaussian, Info
 from roadstate.filters.base import FilterState, GateRule, GaussianFilter, Moved
-from roadstate.linalg import once, tria
+from roadstate.linalg import once
 from roadstate.statespace import StateSpaceModel
 
 
-class _Moments(NamedTuple):
-    """Mean of transformed points, and the columns whose outer products sum to their covariance.
+class _Pairs(NamedTuple):
+    """What a function y makes of the sigma points: Cov(y, x) = odd Sᵀ, Cov(y) = odd oddᵀ + even evenᵀ.
 
-    ``paired`` has a column for each of the 2n outer points (so that cross covariances can be formed with
-    the points' own deviations), ``center`` the one column that the centre point adds.
+    Attributes:
+        mean: (m,).
+        odd: (m, n) what changes sign across the centre: all that is correlated with x = x̂ + S w.
+        even: (m, n) what does not, and vanishes where there is no curvature.
     """
 
     mean: Float[Array, " m"]
-    paired: Float[Array, "m k"]
-    center: Float[Array, "m 1"]
+    odd: Float[Array, "m n"]
+    even: Float[Array, "m n"]
 
 
 class UKF(GaussianFilter):
@@ -35,9 +37,11 @@ class UKF(GaussianFilter):
     others 1/(2(n+λ)) (Wan & van der Merwe 2000; paper 002 eqs. 13–24, of which eq. 22 must read
     G = P_xz P_zz⁻¹). Sigma points are drawn anew before the measurement update (eq. 17).
 
-    With d_i = z_i − z_0 and c = ẑ − z_0, the covariance Σ w_c (z_i − ẑ)(z_i − ẑ)ᵀ equals
-    Σ_{i≥1} w_i d_i d_iᵀ + (β − α²) c cᵀ: a sum of squares whatever the sign of w_c⁰, free of the
-    cancellation that a small α brings, and so fit for triangularisation.
+    With d± the deviations of a pair of points from the centre's image, and c the mean less that image, the
+    covariance equals Σ w (d₊d₊ᵀ + d₋d₋ᵀ) + (β − α²) c cᵀ: free of the cancellation that a small α brings. Its
+    columns (d₊ − d₋)√(w/2) are all that is correlated with x, so that P_xz = S · oddᵀ with S as it stands;
+    c is a multiple of the sum of the others, (d₊ + d₋)√(w/2), and is put into them: E(I + g 11ᵀ) with
+    (1 + g n)² = 1 + 2wn(β − α²), which is positive for all parameters accepted here.
 
     Attributes:
         alpha: spread of the points around the mean, 0 < α ≤ 1.
@@ -75,35 +79,32 @@ class UKF(GaussianFilter):
     def move(self, model: StateSpaceModel, gaussian: Gaussian, u: Any, dt: Float[Array, ""]) -> Moved:
         """f at the sigma points; the centre's column is uncorrelated with x."""
         u = once(u)
-        points = self._points(gaussian)
-        moments = self._moments(once(jax.vmap(lambda x: model.f(x, u, dt))(points)))
-        noise = jnp.concatenate([moments.center, model.sqrt_Q(u, dt)], axis=1)
-        return Moved(moments.mean, self._moments(points).paired, moments.paired, noise)
+        seen = self._pairs(once(jax.vmap(lambda x: model.f(x, u, dt))(self._points(gaussian))))
+        noise = jnp.concatenate([seen.even, model.sqrt_Q(u, dt)], axis=1)
+        return Moved(seen.mean, gaussian.factor, seen.odd, noise)
 
     def update(
         self, model: StateSpaceModel, state: FilterState, u: Any, z: Float[Array, " m"]
     ) -> tuple[FilterState, Info]:
         """Measurement update."""
-        points = self._points(state.gaussian)
-        state_rows = self._moments(points).paired
-        seen = self._moments(jax.vmap(lambda x: model.h(x, u))(points))
-        # the centre's column is uncorrelated with x: noise, as far as the update is concerned
-        noise = tria(jnp.concatenate([model.sqrt_R(u), seen.center], axis=1))
-        return self._condition(state, z, seen.mean, state_rows, seen.paired, noise)
+        seen = self._pairs(once(jax.vmap(lambda x: model.h(x, u))(self._points(state.gaussian))))
+        # even parts are uncorrelated with x: noise, as far as the update is concerned
+        noise = jnp.concatenate([model.sqrt_R(u), seen.even], axis=1)
+        return self._condition(state, z, seen.mean, state.gaussian.factor, seen.odd, noise)
 
     def _points(self, gaussian: Gaussian) -> Float[Array, "k n"]:
         n = gaussian.mean.shape[0]
         offsets = self.alpha * sqrt(n + self.kappa) * gaussian.factor.T
-        return jnp.concatenate([gaussian.mean[None], gaussian.mean + offsets, gaussian.mean - offsets])
+        # once, or every access to a point would draw it again
+        return once(jnp.concatenate([gaussian.mean[None], gaussian.mean + offsets, gaussian.mean - offsets]))
 
-    def _moments(self, values: Float[Array, "k m"]) -> _Moments:
+    def _pairs(self, values: Float[Array, "k m"]) -> _Pairs:
         n = (values.shape[0] - 1) // 2
         weight = 1 / (2 * self.alpha**2 * (n + self.kappa))
-        from_center = values[1:] - values[0]
-        shift = weight * jnp.sum(from_center, axis=0)
-        if self.beta >= self.alpha**2:
-            paired, share = from_center, self.beta - self.alpha**2
-        else:  # α = 1, κ ≥ 0: every weight is positive as it stands
-            paired, share = from_center - shift, self.kappa / (n + self.kappa) + self.beta
-        center = sqrt(share) * shift
-        return _Moments(values[0] + shift, sqrt(weight) * paired.T, center[:, None])
+        share = sqrt(1 + 2 * weight * n * (self.beta - self.alpha**2))
+        ahead, behind = once(((values[1 : n + 1] - values[0]).T, (values[n + 1 :] - values[0]).T))
+        both = once(ahead + behind)
+        total = once(both @ jnp.ones(n, values.dtype))
+        scale = sqrt(weight / 2)
+        even = scale * (both + (share - 1) / n * total[:, None])
+        return _Pairs(values[0] + weight * total, scale * (ahead - behind), even)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import jax
 import jax.numpy as jnp
 from jax.scipy.special import logsumexp
 from jaxtyping import Array, Bool, Float, Int
@@ -16,8 +17,12 @@ def normalized(log_weights: Float[Array, " N"]) -> tuple[Float[Array, " N"], Flo
     Args:
         log_weights: (N,), −∞ for none.
     """
-    total = logsumexp(log_weights)
-    return jnp.where(jnp.isfinite(total), log_weights - total, log_weights), total
+    largest = jax.lax.stop_gradient(jnp.max(log_weights))
+    largest = jnp.where(jnp.isfinite(largest), largest, 0)
+    # in two steps, since a large total has too few digits behind the point for weights to sum to 1
+    shifted = log_weights - largest
+    total = logsumexp(shifted)
+    return jnp.where(jnp.isfinite(total), shifted - total, log_weights), largest + total
 
 
 def effective_number(log_weights: Float[Array, " N"]) -> Float[Array, ""]:
@@ -89,7 +94,7 @@ def told(
         innovation=innovation,
         S=product(factor, factor.T),
         nis=jnp.sum(whitened**2),
-        log_likelihood=log_likelihood,
+        log_likelihood=jnp.where(jnp.any(used), log_likelihood, 0),
         gate=codes,
         ok=ok,
         reason=reason,
