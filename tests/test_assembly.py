@@ -7,16 +7,14 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import jax.scipy.linalg as jsl
 import numpy as np
 import pytest
 
 from roadstate.assembly import AssembledModel, assemble
 from roadstate.core import InputError
 from roadstate.core.channels import WHEELS
-from roadstate.tires import Linear
+from roadstate.tires import Brush
 from roadstate.vehicles import (
-    RK4,
     LinearlyImplicit,
     SevenDof,
     SevenDofForces,
@@ -68,6 +66,48 @@ def test_it_is_the_vehicle_with_those_states_and_parameters() -> None:
     np.testing.assert_allclose(model.h(X, U), [seen["accel_y"], 0.3], rtol=1e-12)
     expected = X + 0.01 * jnp.asarray([*car.derivative(whole, u)[1:], 0, 0])
     np.testing.assert_allclose(model.f(X, U, jnp.asarray(0.01)), expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("order", [[1, 0, 2], [2, 1, 0], [1, 2, 0], [0, 1, 2]])
+def test_states_in_any_order_are_the_same_car(order: list[int]) -> None:
+    names, start = ("speed", "velocity_y", "yaw_rate"), np.array([20.0, -1.0, 0.4])
+    car = ThreeDof.from_vehicle(CAR)
+    model = assemble(
+        car,
+        states=[names[i] for i in order],
+        sensors=["accel_y"],
+        noise=dict.fromkeys(names, 0.1),
+        sensor_noise={"accel_y": 0.1},
+        prior=dict.fromkeys(names, (0.0, 1.0)),
+        integrator=LinearlyImplicit(),
+    )
+    u = jnp.asarray([0.05, 0.0, 0.03, -0.05, 0.02, 0.01])
+    known, dt = dict(zip(model.inputs, [u[0], *u[2:]], strict=True)), jnp.asarray(0.01)
+    expected = LinearlyImplicit().step(car, jnp.asarray(start), u, dt)
+    np.testing.assert_allclose(
+        model.f(jnp.asarray(start[order]), known, dt), expected[jnp.asarray(order)], rtol=1e-12
+    )
+    np.testing.assert_allclose(
+        model.h(jnp.asarray(start[order]), known), [car.measure(jnp.asarray(start), u)["accel_y"]], rtol=1e-12
+    )
+
+
+def test_a_tire_parameter_of_one_number_may_become_one_an_axle() -> None:
+    car = ThreeDof.from_vehicle(CAR, tire=Brush())
+    name = "tire.cornering_stiffness"
+    model = assemble(
+        car,
+        parameters=[name],
+        groupings={name: "front_rear"},
+        sensors=["accel_y"],
+        noise={name: 0.0},
+        sensor_noise={"accel_y": 0.1},
+        prior={name: (5e4, 1e4)},
+    )
+    x, u = jnp.asarray([20.0, -1.0, 0.4]), jnp.asarray([0.05, 0.0, 0.03, -0.05, 0.02, 0.01])
+    known = dict(zip(model.inputs, [*x, u[0], *u[2:]], strict=True))
+    seen = car.with_parameters({name: [4e4, 4e4, 6e4, 6e4]}).measure(x, u)
+    np.testing.assert_allclose(model.h(jnp.asarray([4e4, 6e4]), known), [seen["accel_y"]], rtol=1e-12)
 
 
 def test_inputs_come_as_a_mapping_or_as_an_array() -> None:
@@ -172,81 +212,6 @@ def test_a_bias_for_each_wheel_and_a_bias_for_all() -> None:
     np.testing.assert_allclose(one.h(jnp.append(x, 5.0), u), 5 + x)
 
 
-# ---- noise ----
-
-
-def test_no_time_no_change_no_noise() -> None:
-    model = bicycle(time_constants={"friction": 3.0})
-    assert np.array_equal(model.f(X, U, jnp.asarray(0.0)), X)
-    assert np.all(model.sqrt_Q(U, jnp.asarray(0.0)) == 0)
-
-
-def covariance(model: AssembledModel, P: np.ndarray, duration: float, steps: int) -> np.ndarray:
-    dt = jnp.asarray(duration / steps)
-    F = np.asarray(jax.jacfwd(lambda x: model.f(x, U, dt))(X))
-    root = np.asarray(model.sqrt_Q(U, dt))
-    for _ in range(steps):
-        P = F @ P @ F.T + root @ root.T
-    return P
-
-
-@pytest.mark.parametrize("tau", [None, 0.4])
-def test_the_noise_of_slow_states_is_exact_for_any_step(tau: float | None) -> None:
-    model = bicycle(time_constants={} if tau is None else {"friction": tau})
-    P0 = np.diag([0.0, 0.0, 0.01, 0.02])
-    variance = [np.diag(covariance(model, P0, 1.3, steps))[2:] for steps in (1, 2, 13)]
-    if tau is None:
-        exact = np.array([0.01, 0.02]) + 0.05**2 * 1.3
-    else:  # the stationary variance is n² τ/2
-        stationary = 0.05**2 * tau / 2
-        exact = stationary + (np.array([0.01, 0.02]) - stationary) * np.exp(-2 * 1.3 / tau)
-    for one in variance:
-        np.testing.assert_allclose(one, exact, rtol=1e-12)
-
-
-def test_a_gauss_markov_state_returns_to_its_prior_mean() -> None:
-    model = bicycle(time_constants={"friction_front": 0.5})
-    after = model.f(X, U, jnp.asarray(0.5))
-    np.testing.assert_allclose(after[2], 0.8 + (0.7 - 0.8) * np.exp(-1), rtol=1e-12)
-    assert after[3] == X[3]
-
-
-def test_the_noise_of_the_vehicles_states_is_of_first_order() -> None:
-    """Against Van Loan's integral for the linearised system: half the step, half the error."""
-    tire = SingleTrack.from_vehicle(CAR).tire
-    linear = Linear(
-        slip_stiffness=tire.slip_stiffness,
-        cornering_stiffness=tire.cornering_stiffness,
-        nominal_load=tire.nominal_load,
-    )
-    car = SingleTrack.from_vehicle(CAR, tire=linear)
-    model = assemble(
-        car,
-        states=["velocity_y", "yaw_rate"],
-        sensors=["yaw_rate"],
-        noise={"velocity_y": 0.3, "yaw_rate": 0.1},
-        sensor_noise={"yaw_rate": 0.01},
-        prior={"velocity_y": (0, 1), "yaw_rate": (0, 1)},
-        integrator=RK4(),
-    )
-    x, duration = jnp.zeros(2), 0.4
-    A = np.asarray(jax.jacfwd(car.derivative)(jnp.asarray([20.0, 0, 0]), jnp.zeros(4)))[1:, 1:]
-    Qc = np.diag([0.3**2, 0.1**2])
-    block = jsl.expm(jnp.block([[-A, Qc], [np.zeros((2, 2)), A.T]]) * duration)
-    exact = np.asarray(block[2:, 2:].T @ block[:2, 2:])
-    errors = []
-    for steps in (20, 40, 80, 160):
-        dt = jnp.asarray(duration / steps)
-        F = np.asarray(jax.jacfwd(lambda x, dt=dt: model.f(x, U, dt))(x))
-        Q = np.asarray(model.sqrt_Q(U, dt)) ** 2
-        P = np.zeros((2, 2))
-        for _ in range(steps):
-            P = F @ P @ F.T + Q
-        errors.append(np.max(np.abs(P - exact) / np.sqrt(np.outer(np.diag(exact), np.diag(exact)))))
-    np.testing.assert_allclose(np.array(errors[:-1]) / errors[1:], 2, rtol=0.1)
-    assert errors[-1] < 0.02
-
-
 # ---- transformations ----
 
 
@@ -268,6 +233,10 @@ def test_jit_vmap_grad_float32_and_one_compilation() -> None:
     )
     both(other, 2 * X, u, 2 * dt)
     assert traces == 1
+    steer = {"steer": u["steer"]}
+    for speed in (20.0, 25.0):  # held values are data too
+        both(bicycle(fixed={"speed": speed}), X, steer, dt)
+    assert traces == 2
     many = eqx.filter_vmap(both, in_axes=(None, 0, None, None))(model, jnp.stack([X, 2 * X]), u, dt)
     np.testing.assert_allclose(many[0], first, rtol=1e-12)
 
@@ -356,6 +325,39 @@ def test_what_does_not_fit_is_named(changes: dict[str, Any], message: str) -> No
     with pytest.raises(InputError, match=message) as caught:
         bicycle(**changes)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (
+            {"parameters": ["force_x_fl", "force_x"], "groupings": {"force_x": "one"}},
+            "'force_x_fl' comes twice",
+        ),
+        ({"sensors": ["force_y_fl"], "sensor_noise": {"force_y_fl": 1}}, "'force_y_fl' would only read"),
+    ],
+)
+def test_an_input_is_estimated_once_and_not_read_where_it_is_known(
+    changes: dict[str, Any], message: str
+) -> None:
+    options: dict[str, Any] = {
+        "parameters": ["force_x"],
+        "sensors": ["accel_x"],
+        "noise": {"force_x": 1.0},
+        "sensor_noise": {"accel_x": 0.1},
+        "prior": {"force_x": (0.0, 100.0)},
+    }
+    with pytest.raises(InputError, match=message):
+        assemble(ThreeDofForces.from_vehicle(CAR), **(options | changes))
+    one = assemble(
+        ThreeDofForces.from_vehicle(CAR),
+        **(
+            options
+            | {"groupings": {"force_x": "one"}, "sensors": ["force_x_rl"], "sensor_noise": {"force_x_rl": 1}}
+        ),
+    )
+    u = dict.fromkeys(one.inputs, 0.0)
+    np.testing.assert_allclose(one.h(jnp.asarray([123.0]), u), [123.0])
 
 
 def test_an_unknown_row_is_named() -> None:

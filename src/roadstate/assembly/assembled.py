@@ -30,7 +30,6 @@ class Wiring(NamedTuple):
         chosen: which of the vehicle's states lead x.
         parameters: (leaf, places, whether the value is a factor on the leaf); one place, or one per wheel.
         biases: (row of z, place).
-        constants: values that never change.
     """
 
     model_states: Index
@@ -38,7 +37,6 @@ class Wiring(NamedTuple):
     chosen: Index
     parameters: tuple[tuple[str, Index, bool], ...]
     biases: tuple[tuple[int, int], ...]
-    constants: tuple[float, ...]
 
 
 class _Part(NamedTuple):
@@ -69,10 +67,15 @@ class AssembledModel(StateSpaceModel):
 
     The vehicle's states move by the integrator with parameters and inputs held over the step; parameters and
     biases are random walks, or first-order Gauss–Markov processes about their prior mean,
-    dx = −(x − x̄)/τ dt + n dW. Their discretisation is exact for any Δt: Q = n²τ/2 (1 − e^{−2Δt/τ}), n²Δt for
-    a random walk. Noise on the vehicle's own states enters as n²Δt, the first term of ∫ eᴬˢ n² eᴬᵀˢ ds: its
-    error per step is of order Δt². Over a gap that is long against the vehicle's time constants, predict in
-    several steps.
+    dx = −(x − x̄)/τ dt + n dW, whose own discretisation is exact for any Δt: variance n²τ/2 (1 − e^{−2Δt/τ}),
+    n²Δt for a random walk.
+
+    All else of ∫₀^Δt eᴬˢ diag(n²) eᴬᵀˢ ds (Van Loan, *IEEE Trans. Automatic Control* 23, 1978) is of first
+    order in Δt: noise on the vehicle's own states enters as n²Δt, and what a parameter's noise does to the
+    vehicle within the step in which it arises (a covariance of ½Δt² n² ∂ẋ/∂p, a variance of order Δt³) not
+    at all. Either is wrong by order Δt² a step, hence the covariance at a given time by order Δt, whatever
+    the integrator's order; relatively by about Δt over the vehicle's shortest time constant. Over a gap that
+    is long against it, predict in several steps.
 
     Attributes:
         states: names of the rows of x.
@@ -84,6 +87,7 @@ class AssembledModel(StateSpaceModel):
         rate: (n,) 1/τ, 1/s; zero for a random walk and for the vehicle's states.
         mean, std: (n,) prior.
         sensor_std: (m,) 1σ of a sample.
+        constants: (c,) states and inputs of the vehicle that are held.
     """
 
     states: tuple[str, ...] = eqx.field(static=True)
@@ -97,6 +101,7 @@ class AssembledModel(StateSpaceModel):
     mean: Float[Array, " n"]
     std: Float[Array, " n"]
     sensor_std: Float[Array, " m"]
+    constants: Float[Array, " c"]
 
     def f(self, x: Float[Array, " n"], u: Any, dt: Float[Array, ""]) -> Float[Array, " n"]:
         """The state Δt later."""
@@ -107,7 +112,7 @@ class AssembledModel(StateSpaceModel):
             return slow
         vehicle = self._vehicle(pool)
         part: Dynamics = _Part(vehicle, pool[count:], self.wiring)
-        if self.wiring.model_states == self.wiring.chosen:
+        if self.wiring.chosen == tuple(range(len(self.wiring.model_states))):
             part = vehicle
         moved = self.integrator.step(part, x[:count], _take(pool, self.wiring.model_inputs), dt)
         return jnp.concatenate([moved, slow])
@@ -151,8 +156,7 @@ class AssembledModel(StateSpaceModel):
         return self.states.index(name)
 
     def _pool(self, x: Numbers, u: Any) -> Numbers:
-        constants = jnp.asarray(self.wiring.constants, x.dtype)
-        return jnp.concatenate([x, self._known(u).astype(x.dtype), constants])
+        return jnp.concatenate([x, self._known(u).astype(x.dtype), self.constants.astype(x.dtype)])
 
     def _known(self, u: Any) -> Numbers:
         if not isinstance(u, Mapping):

@@ -70,12 +70,13 @@ def assemble(
     for chosen, where in ((names, "states and parameters"), (sensor_names, "sensors")):
         if not chosen:
             raise InputError("nothing is chosen", where=where, mend="name at least one")
+    moved = {*names, *(row for s in slow if s.kind == "input" for row in s.targets)}
     for sensor in sensor_names:
-        if sensor in vehicle.states and sensor not in names:
+        if sensor in (*vehicle.states, *vehicle.inputs) and sensor not in moved:
             raise InputError(
                 f"'{sensor}' would only read the input of that name", where="sensors", mend="make it a state"
             )
-    inputs, wiring = _wire(vehicle, own, slow, names, sensor_names, tuple(known), dict(fixed or {}))
+    inputs, held, wiring = _wire(vehicle, own, slow, names, sensor_names, tuple(known), dict(fixed or {}))
     means, stds = _prior(values_of(prior, rows, "prior"), names)
     constants = values_of(time_constants or {}, rows[len(own) :], "time_constants", default=inf)
     rates = [
@@ -98,6 +99,7 @@ def assemble(
         sensor_std=_array(
             [number(v, n, "sensor_noise") for v, n in zip(deviations, sensor_names, strict=True)]
         ),
+        constants=_array(held),
     )
 
 
@@ -109,14 +111,13 @@ def _wire(
     sensors: tuple[str, ...],
     known: tuple[str, ...],
     fixed: Mapping[str, float],
-) -> tuple[tuple[str, ...], Wiring]:
-    """The names u has to hold, and where everything the vehicle reads comes from."""
+) -> tuple[tuple[str, ...], tuple[float, ...], Wiring]:
+    """The names u has to hold, what is held, and where everything the vehicle reads comes from."""
     estimated = {row: i for i, row in enumerate(names)}
     places = {row: estimated[row] for row, _ in own}
     for s in slow:
         if s.kind == "input":
-            targets = per_wheel(s.target) if s.family.of_wheel else (s.target,)
-            places |= dict(zip(targets, _places(s.family, estimated), strict=True))
+            places |= dict(zip(s.targets, _places(s.family, estimated), strict=True))
     open_names = [n for n in (*vehicle.states, *vehicle.inputs) if n not in places]
     leaves = [n for n in known if n in vehicle.parameters]
     wanted = {row for row, _ in expand([n for n in known if n not in leaves], open_names, "known")}
@@ -125,7 +126,7 @@ def _wire(
     inputs = (*(n for n in open_names if n not in held), *(row for f in families for row in f.rows))
     refuse_twice(inputs, "known")
     places |= {n: len(names) + i for i, n in enumerate((*inputs, *held))}
-    return inputs, Wiring(
+    wiring = Wiring(
         model_states=tuple(places[n] for n in vehicle.states),
         model_inputs=tuple(places[n] for n in vehicle.inputs),
         chosen=tuple(vehicle.states.index(row) for row, _ in own),
@@ -138,14 +139,10 @@ def _wire(
             (sensors.index(sensor), i)
             for s in slow
             if s.kind == "bias"
-            for sensor, i in zip(
-                per_wheel(s.target) if s.family.of_wheel else (s.target,),
-                _places(s.family, estimated),
-                strict=True,
-            )
+            for sensor, i in zip(s.targets, _places(s.family, estimated), strict=True)
         ),
-        constants=tuple(held.values()),
     )
+    return inputs, tuple(held.values()), wiring
 
 
 def _places(family: Family, places: Mapping[str, int]) -> Index:

@@ -7,7 +7,7 @@ from typing import Literal, NamedTuple
 
 import jax.numpy as jnp
 
-from roadstate.assembly.rows import Family, grouped
+from roadstate.assembly.rows import Family, grouped, refuse_twice
 from roadstate.core.channels import did_you_mean
 from roadstate.core.errors import InputError
 from roadstate.vehicles.model import VehicleModel, per_wheel
@@ -28,6 +28,11 @@ class Slow(NamedTuple):
     kind: Literal["parameter", "scale", "input", "bias"]
     target: str
     family: Family
+
+    @property
+    def targets(self) -> tuple[str, ...]:
+        """The inputs or sensors meant, in the order of the wheels where there are four."""
+        return per_wheel(self.target) if self.family.of_wheel else (self.target,)
 
 
 def slow_states(
@@ -58,6 +63,8 @@ def slow_states(
             raise InputError(
                 f"'{target[1]}' is chosen twice", where=_WHERE, mend="choose it, or a factor on it, once"
             )
+    inputs = [row for s in found if s.kind == "input" for row in s.targets]
+    refuse_twice(inputs, _WHERE)
     return found
 
 
