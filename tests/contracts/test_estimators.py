@@ -164,6 +164,11 @@ def test_shapes_and_quantities(case: Case) -> None:
     sound(e)
 
 
+def test_every_sensor_has_a_unit(case: Case) -> None:
+    assert set(case.usual.sensor_units) == set(case.estimator.sensors)
+    assert set(case.usual.sensor_units.values()) <= {c.unit for c in CHANNELS.values()}
+
+
 def test_finds_a_constant_grade(case: Case) -> None:
     if "grade" not in case.usual.values:
         pytest.skip("gives no grade")

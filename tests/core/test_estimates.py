@@ -30,6 +30,7 @@ def estimates() -> Estimates:
         innovation_std=random.random((7, 2)),
         nis=np.array([NAN, 1, 2, 3, 4, 5, 6.0]),
         metadata={"estimator": "kmbe", "note": 'a "b" <c>\n', "settings": {"bias": False}},
+        sensor_units={"wheel_speed_front": "m/s"},
     )
 
 
@@ -43,6 +44,7 @@ def same(a: Estimates, b: Estimates) -> None:
     assert b.validity.dtype == np.int8
     assert a.sensors == b.sensors
     assert dict(a.metadata) == dict(b.metadata)
+    assert dict(a.sensor_units) == dict(b.sensor_units)
 
 
 def test_labels_name_the_codes(estimates: Estimates) -> None:

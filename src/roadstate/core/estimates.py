@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roadstate.core import tabular
-from roadstate.core.channels import Channel, did_you_mean
+from roadstate.core.channels import CHANNELS, Channel, did_you_mean
 from roadstate.core.errors import InputError
 
 if TYPE_CHECKING:
@@ -57,6 +57,8 @@ QUANTITIES: dict[str, Channel] = {c.name: c for c in _QUANTITY_ROWS}
 REFERENCE_OF: dict[str, str] = {"grade": "ref_grade", "speed": "ref_velocity_x"}
 """Which reference channel a quantity is compared with."""
 
+_SENSOR_UNITS = {c.unit for c in CHANNELS.values()}
+
 
 @dataclass(frozen=True)
 class Estimates:
@@ -72,6 +74,7 @@ class Estimates:
         innovation_std: (T, m) square root of the diagonal of S.
         nis: (T,) normalised innovation squared of the sensors used; NaN where none was.
         metadata: estimator, vehicle, settings, versions, source; JSON-able.
+        sensor_units: sensor → SI unit of its innovation; those not known are left out.
     """
 
     time: Array
@@ -83,6 +86,7 @@ class Estimates:
     innovation_std: Array = field(default_factory=lambda: np.zeros((0, 0)))
     nis: Array = field(default_factory=lambda: np.zeros(0))
     metadata: Mapping[str, Any] = field(default_factory=dict)
+    sensor_units: Mapping[str, str] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.time)
@@ -130,8 +134,9 @@ class Estimates:
                 columns[f"{name}_std"] = tabular.Column(self.std[name], unit)
         columns["validity"] = tabular.Column(self.labels().astype(object), "")
         for i, sensor in enumerate(self.sensors):
-            columns[f"innovation_{sensor}"] = tabular.Column(self.innovation[:, i], None)
-            columns[f"innovation_{sensor}_std"] = tabular.Column(self.innovation_std[:, i], None)
+            own = self.sensor_units.get(sensor)
+            columns[f"innovation_{sensor}"] = tabular.Column(self.innovation[:, i], own)
+            columns[f"innovation_{sensor}_std"] = tabular.Column(self.innovation_std[:, i], own)
         if len(self.nis):
             columns["nis"] = tabular.Column(self.nis, "-")
         return columns
@@ -172,8 +177,12 @@ class Estimates:
             absent = [n for n in names if n not in columns]
             if absent:
                 raise InputError(f"no '{absent[0]}' column", where=where, mend="is this a file of estimates?")
-            return np.stack([tabular.in_unit(n, columns[n], "-", where) for n in names], 1)
+            return np.stack([tabular.in_unit(n, columns[n], columns[n].unit or "-", where) for n in names], 1)
+
+        innovation, spread = stack(""), stack("_std")
+        said = {s: columns[f"innovation_{s}"].unit for s in sensors}
+        units = {s: unit for s, unit in said.items() if unit in _SENSOR_UNITS}
 
         nis = tabular.in_unit("nis", columns["nis"], "-", where) if "nis" in columns else np.zeros(0)
         validity = np.array([codes[v] for v in labels], dtype=np.int8)
-        return cls(time, values, std, validity, sensors, stack(""), stack("_std"), nis, metadata)
+        return cls(time, values, std, validity, sensors, innovation, spread, nis, metadata, units)

@@ -3,14 +3,64 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable, Mapping
+from functools import cache
 from pathlib import Path
+from typing import ParamSpec, TypeVar
 
+import equinox as eqx
 import jax
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+Options = Mapping[str, bool | str]
+
+_LOOP_OPTIONS: Options = {
+    # a step over small arrays has nothing worth running in parallel; the attempt doubles its time
+    "xla_cpu_scheduler_type": "CPU_SCHEDULER_TYPE_MEMORY_OPTIMIZED",
+    # fusion emitters serve large arrays: without them such a loop compiles in half the time
+    "xla_cpu_use_fusion_emitters": False,
+}
 
 # float64 is the default here: a grade from two nearly equal accelerations wants the digits. Whoever sets
 # JAX_ENABLE_X64 decides for themselves.
 if "JAX_ENABLE_X64" not in os.environ:
     jax.config.update("jax_enable_x64", True)  # type: ignore[no-untyped-call]
+
+
+def jit_loop(function: Callable[P, R], options: Options | None = None) -> Callable[P, R]:
+    """``equinox.filter_jit`` for a function that is one long loop over small arrays.
+
+    Args:
+        function: to be compiled at its first call.
+        options: more of XLA's options for the CPU; those that this XLA does not know are left out.
+    """
+
+    @cache
+    def compiled() -> Callable[P, R]:
+        # at the first call, not at import: knowing the options starts a backend
+        known = _known({**_LOOP_OPTIONS, **(options or {})})
+        jitted: Callable[P, R] = eqx.filter_jit(function, compiler_options=known)  # type: ignore[call-overload]
+        return jitted
+
+    def call(*args: P.args, **kwargs: P.kwargs) -> R:
+        return compiled()(*args, **kwargs)
+
+    return call
+
+
+def _known(options: Options) -> Options:
+    return {k: v for k, v in options.items() if jax.default_backend() == "cpu" and _is_known(k, v)}
+
+
+@cache
+def _is_known(name: str, value: bool | str) -> bool:
+    try:
+        jax.jit(lambda: 0, compiler_options={name: value})()
+    except jax.errors.JaxRuntimeError:
+        return False
+    return True
 
 
 def use_compilation_cache(folder: str | Path | None = None) -> Path | None:

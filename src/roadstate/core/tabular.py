@@ -125,9 +125,7 @@ def to_parquet(path: str | Path, columns: Mapping[str, Column], metadata: Mappin
 
     fields, arrays = [], []
     for name, column in columns.items():
-        array = pa.array(column.values)
-        if not pa.types.is_floating(array.type) and not pa.types.is_integer(array.type):
-            array = array.dictionary_encode()
+        array = _to_arrow(column.values)
         unit = {b"unit": column.unit.encode()} if column.unit is not None else None
         fields.append(pa.field(name, array.type, metadata=unit))
         arrays.append(array)
@@ -136,6 +134,24 @@ def to_parquet(path: str | Path, columns: Mapping[str, Column], metadata: Mappin
     with atomic_path(path) as temporary:
         pq.write_table(table, temporary, compression="zstd")
     return Path(path)
+
+
+def _to_arrow(values: NDArray[Any]) -> Any:
+    """An Arrow array made from buffers; ``pyarrow.array`` would import pandas, a fifth of a second."""
+    import pyarrow as pa
+
+    if values.dtype == np.float64:
+        return pa.Array.from_buffers(
+            pa.float64(), len(values), [None, pa.py_buffer(np.ascontiguousarray(values))]
+        )
+    if values.dtype.kind not in "OU":
+        return pa.array(values)
+    words, codes = np.unique(values.astype(str), return_inverse=True)
+    encoded = [str(w).encode() for w in words]
+    ends = np.cumsum([0, *map(len, encoded)]).astype(np.int32)
+    texts = pa.StringArray.from_buffers(len(words), pa.py_buffer(ends), pa.py_buffer(b"".join(encoded)))
+    indices = pa.Array.from_buffers(pa.int32(), len(codes), [None, pa.py_buffer(codes.astype(np.int32))])
+    return pa.DictionaryArray.from_arrays(indices, texts)
 
 
 def from_parquet(path: str | Path) -> tuple[dict[str, Column], dict[str, Any]]:

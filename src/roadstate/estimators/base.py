@@ -11,6 +11,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from roadstate.core.channels import CHANNELS
 from roadstate.core.gaussian import Info
 
 if TYPE_CHECKING:
@@ -77,6 +78,11 @@ class Estimator(eqx.Module, Generic[S]):
 
     channels: eqx.AbstractVar[tuple[str, ...]]
     sensors: eqx.AbstractVar[tuple[str, ...]]
+
+    @property
+    def sensor_units(self) -> Mapping[str, str]:
+        """Sensor → SI unit of its reading; an estimator adds those that are no canonical channels."""
+        return {s: CHANNELS[s].unit for s in self.sensors if s in CHANNELS}
 
     @classmethod
     @abstractmethod

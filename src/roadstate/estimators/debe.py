@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from math import hypot
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 
@@ -173,6 +173,11 @@ class DEBE(Estimator[DEBEState]):
     drag_relative: Float[Array, ""]
     rolling_std: Float[Array, ""]
     speed_scale: Float[Array, ""]
+
+    @property
+    def sensor_units(self) -> Mapping[str, str]:
+        """As :attr:`Estimator.sensor_units`."""
+        return {**super().sensor_units, **self.meter.sensor_units}
 
     @classmethod
     def build(cls, vehicle: Vehicle, available: Collection[str], **options: Any) -> Self:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 
 import equinox as eqx
@@ -164,6 +164,11 @@ class KMBE(Estimator[KMBEState]):
     rear_stiffness: Float[Array, ""]
     aiding_std: Float[Array, " k"]
     unseen_bias: Float[Array, ""]
+
+    @property
+    def sensor_units(self) -> Mapping[str, str]:
+        """As :attr:`Estimator.sensor_units`."""
+        return {**super().sensor_units, **self.meter.sensor_units}
 
     @classmethod
     def build(cls, vehicle: Vehicle, available: Collection[str], **options: Any) -> Self:

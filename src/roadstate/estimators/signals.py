@@ -118,6 +118,11 @@ class SpeedMeter(eqx.Module):
             1.0 if self._steering != "steering_wheel" or vehicle.steering is None else vehicle.steering.ratio
         )
 
+    @property
+    def sensor_units(self) -> dict[str, str]:
+        """All are speeds."""
+        return dict.fromkeys(self.sensors, "m/s")
+
     def read(
         self, sample: Sample, yaw_rate: Float[Array, ""], steer: Float[Array, ""], direction: Float[Array, ""]
     ) -> tuple[Float[Array, " s"], Float[Array, " s"]]:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roadstate.core import Estimates, InputError, Log
+from roadstate.core.numerics import jit_loop
 from roadstate.core.packing import Layout
 from roadstate.estimators.base import Estimator
 from roadstate.run.chunk import CHUNK, cut, inputs, scan_steps, start, to_estimates
@@ -21,7 +22,6 @@ _BUDGET = 512 * 2**20
 _ROW = 32  # numbers that a step's row may be taken to have, for the memory budget
 
 
-@eqx.filter_jit
 def _scan_chunks(
     params: Any, static: Any, layout: Layout, states: Any, samples: Any, dt: Any
 ) -> tuple[Any, Any, Layout]:
@@ -36,6 +36,10 @@ def _scan_chunks(
     final, rows = jax.vmap(one)(params, states, samples, dt)
     assert row_layout is not None  # it has been traced
     return final, rows, row_layout
+
+
+# the threading library for products may wait for ever when two programs run at once
+_compiled = jit_loop(_scan_chunks, {"xla_cpu_experimental_ynn_fusion_type": ""})
 
 
 def batch(
@@ -104,7 +108,7 @@ def _run_group(estimators: list[Estimator[Any]], logs: list[Log]) -> list[Estima
     for begin in range(0, max(len(log) for log in logs), CHUNK):
         cuts = [cut(samples, dt, begin) for samples, dt in each]
         samples, dt = (np.stack(column) for column in zip(*cuts, strict=True))
-        states, rows, row_layout = _scan_chunks(params, static, layout, states, samples, dt)
+        states, rows, row_layout = _compiled(params, static, layout, states, samples, dt)
         parts.append({k: np.asarray(v) for k, v in rows.items()})
     results = []
     for i, (estimator, log) in enumerate(zip(estimators, logs, strict=True)):

@@ -113,4 +113,5 @@ def to_estimates(estimator: Estimator[Any], log: Log, rows: Row) -> Estimates:
             "rejected": {s: int(n) for s, n in zip(estimator.sensors, refused, strict=True)},
             "log": dict(log.metadata),
         },
+        sensor_units=dict(estimator.sensor_units),
     )

@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
 from roadstate.core import Estimates, Log
+from roadstate.core.numerics import jit_loop
 from roadstate.estimators.base import Estimator
 from roadstate.run.chunk import CHUNK, cut, inputs, scan_steps, start, to_estimates
 
-_scan_chunk = eqx.filter_jit(scan_steps)
+_scan_chunk = jit_loop(scan_steps)
 
 
 def scan(

@@ -1,10 +1,16 @@
-"""One estimator, one sample at a time."""
+"""One estimator, one sample at a time, in time order or nearly so."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from functools import partial
-from typing import Any, cast
+from bisect import bisect_left
+from collections import Counter, deque
+from collections.abc import Callable, Mapping
+from enum import IntEnum
+from functools import lru_cache
+from itertools import islice
+from math import inf, isfinite, isnan, nan
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -14,46 +20,260 @@ from roadstate.core import InputError
 from roadstate.core.packing import Layout
 from roadstate.estimators.base import Estimate, Estimator
 from roadstate.run.chunk import advance, start
+from roadstate.run.saved import Saved, load, save
 
 
-@partial(jax.jit, static_argnums=(0, 1))
-def _step(static: Any, layout: Layout, params: Any, state: Any, sample: Any, dt: Any) -> tuple[Any, Estimate]:
-    new, row = advance(eqx.combine(params, static), layout.unpack(state), sample, dt)
-    return layout.pack(new), row.estimate
+class Arrival(IntEnum):
+    """What became of a sample that was pushed."""
+
+    NEW = 0
+    """Later than all before it: the estimator moved on."""
+    LATE = 1
+    """Earlier than the newest, within the window: put in its place, the steps after it done again."""
+    MERGED = 2
+    """At the time of a sample already taken: joined to it, channel by channel."""
+    DROPPED = 3
+    """Earlier than the window reaches back: not used at all."""
+
+
+class Step(NamedTuple):
+    """A sample taken, and the packed state after it; before the first sample, time is NaN."""
+
+    time: float
+    values: list[float]
+    state: dict[str, Any]
+
+
+Program = Callable[[list[Any], dict[str, Any], Any], tuple[dict[str, Any], Estimate]]
+
+
+@lru_cache(maxsize=64)
+def _program(static: Any, layout: Layout, structure: Any) -> Program:
+    """The compiled step of all estimators built alike.
+
+    Looked up once for a stream: as static arguments these would be hashed and compared at each sample. The
+    sample comes as one vector, Δt first, since every array handed over costs microseconds.
+    """
+
+    @jax.jit
+    def step(leaves: list[Any], state: dict[str, Any], row: Any) -> tuple[dict[str, Any], Estimate]:
+        estimator = eqx.combine(jax.tree.unflatten(structure, leaves), static)
+        sample = {c: row[i] for i, c in enumerate(estimator.channels, 1)}
+        new, out = advance(estimator, layout.unpack(state), sample, row[0])
+        return layout.pack(new), out.estimate
+
+    return step
+
+
+@eqx.filter_jit
+def _read(estimator: Estimator[Any], layout: Layout, state: dict[str, Any]) -> Estimate:
+    return estimator.estimate(layout.unpack(state))
 
 
 class Stream:
     """An estimator fed one sample at a time; gives the numbers that :func:`scan` gives on the same samples.
 
+    With a window, samples may come late, or in parts (each channel by itself, as from a bus): one whose time
+    lies up to ``window`` before the newest is put in its place, and the steps after it are done again from
+    the state saved there (fixed-lag rewind). State and estimate are then, bit for bit, those of a stream to
+    which all came in order and whole. The cost is a step for every sample redone.
+
+    - A sample at the time of one already taken is joined to it. What is missing or not finite in it leaves
+      the other's values; a value for a channel that has one already takes its place (the one that comes last
+      counts) and, if it differs, is counted in ``replaced``.
+    - A sample before the window is dropped: ``arrival`` is then ``DROPPED`` and ``counts`` goes up.
+    - A clock that is set back makes all that follows late; such a drive wants a new stream.
+
     Args:
         estimator: built for the channels that will come.
+        window: s that a sample may lag behind the newest; 0 only joins samples of the same time; ``None``
+            refuses any whose time does not increase.
+        capacity: samples of the window kept at most, each with the state after it; where the window holds
+            more, it reaches back less. It bounds memory, and the steps that a late sample can cost.
+
+    Raises:
+        InputError: a window or capacity that is none.
     """
 
-    def __init__(self, estimator: Estimator[Any]) -> None:
-        self._params, self._static = eqx.partition(estimator, eqx.is_array)
-        self._channels = estimator.channels
-        self.time: float | None = None
-        """Time (s) of the last sample; ``None`` before the first."""
-        self.state: dict[str, Any]
-        """All the estimator remembers, one vector per dtype; with ``time`` it may be saved and put back."""
-        self.state, self._layout = start(estimator)
+    def __init__(
+        self, estimator: Estimator[Any], *, window: float | None = None, capacity: int = 1000
+    ) -> None:
+        if window is not None and not 0 <= window < inf:
+            raise InputError(f"a window of {window} s", mend="give a finite time of 0 s or more, or None")
+        if capacity < 1:
+            raise InputError(f"a capacity of {capacity} samples", mend="give 1 or more")
+        self._estimator, self._window, self._capacity = estimator, window, capacity
+        params, static = eqx.partition(estimator, eqx.is_array)
+        self._leaves, structure = jax.tree.flatten(params)
+        packed, self._layout = start(estimator)
+        self._step = _program(static, self._layout, structure)
+        self._base = Step(nan, [], packed)
+        self._steps: deque[Step] = deque()
+        self._estimate: Estimate | None = None
+        self.arrival: Arrival | None = None
+        """What became of the last sample pushed; ``None`` before the first."""
+        self.counts: Counter[Arrival] = Counter()
+        """How many samples have arrived in each way."""
+        self.replaced = 0
+        """How many values another, different one for the same channel and time has taken the place of."""
+
+    @property
+    def time(self) -> float | None:
+        """Time (s) of the newest sample; ``None`` before the first. Setting it empties the window."""
+        newest = self._head.time
+        return None if isnan(newest) else newest
+
+    @time.setter
+    def time(self, time: float | None) -> None:
+        self._set(self._head._replace(time=nan if time is None else time))
+
+    @property
+    def state(self) -> dict[str, Any]:
+        """All the estimator remembers, one vector per dtype; with ``time`` it may be kept and put back.
+
+        Setting it empties the window; :meth:`save` keeps that too.
+        """
+        return self._head.state
+
+    @state.setter
+    def state(self, state: dict[str, Any]) -> None:
+        self._set(self._head._replace(state=state))
 
     def push(self, time: float, sample: Mapping[str, float]) -> Estimate:
         """Take one sample.
 
         Args:
-            time: in s, later than the one before.
+            time: in s.
             sample: canonical channel → value in SI; what is absent or NaN is missing.
 
+        Returns:
+            The estimate at the newest time, this sample included unless it was dropped (see ``arrival``).
+
         Raises:
-            InputError: time does not increase.
+            InputError: time is not finite, or without a window does not increase; a value is no number. The
+                stream is then as it was.
         """
-        if not np.isfinite(time) or (self.time is not None and time <= self.time):
+        newest, values = self.time, self._values(sample)
+        try:
+            time = float(time)
+        except (TypeError, ValueError) as error:
+            raise InputError(f"sample at {time!r}: not a time", mend="give seconds") from error
+        if not isfinite(time):
+            raise InputError(f"sample at {time} s", mend="give a finite time in s")
+        if newest is None or time > newest:
+            step, self._estimate = self._advance(self._head, time, values)
+            self._steps.append(step)
+            self._forget()
+            arrival = Arrival.NEW
+        elif self._window is None:
             raise InputError(
-                f"sample at {time} s does not come after {self.time} s", mend="push in time order"
+                f"sample at {time} s does not come after {newest} s",
+                mend="push in time order, or give the stream a window",
             )
-        dt = 0.0 if self.time is None else float(time - self.time)
-        row = {c: float(sample.get(c, np.nan)) for c in self._channels}
-        self.state, estimate = _step(self._static, self._layout, self._params, self.state, row, dt)
-        self.time = time
-        return cast(Estimate, estimate)
+        elif time < newest - self._window or time <= self._base.time:
+            arrival = Arrival.DROPPED
+        else:
+            arrival = self._rewind(time, values)
+        self.arrival = arrival
+        self.counts[arrival] += 1
+        if self._estimate is None:  # nothing has been stepped since the state was put back
+            self._estimate = _read(self._estimator, self._layout, self.state)
+        return self._estimate
+
+    def save(self, path: str | Path) -> Path:
+        """Write all that :meth:`restore` needs to go on bit for bit: state, window and counts.
+
+        Args:
+            path: an ``.npz`` file by convention; it appears whole or not at all.
+
+        Raises:
+            InputError: the folder does not exist or cannot be written.
+        """
+        steps = [self._base, *self._steps]
+        saved = Saved(
+            time=np.array([s.time for s in steps]),
+            values=np.array([s.values for s in self._steps]).reshape(-1, len(self._estimator.channels)),
+            states={kind: np.stack([np.asarray(s.state[kind]) for s in steps]) for kind in self.state},
+            counts=np.array([*(self.counts[a] for a in Arrival), self.replaced], np.int64),
+        )
+        return save(path, self._estimator, saved)
+
+    def restore(self, path: str | Path) -> None:
+        """Go on where a stream of the same estimator was saved.
+
+        Window and capacity stay this stream's own; what of the file's window lies beyond them is left out.
+
+        Args:
+            path: what :meth:`save` wrote.
+
+        Raises:
+            InputError: no such file, not one of a stream, or saved from another estimator. The stream is then
+                as it was.
+        """
+        sizes = {kind: vector.shape[0] for kind, vector in self.state.items()}
+        saved = load(path, self._estimator, sizes, len(Arrival) + 1)
+        packed = [{kind: v[i] for kind, v in saved.states.items()} for i in range(len(saved.time))]
+        first, *times = saved.time.tolist()
+        self._set(Step(first, [], packed[0]))
+        self._steps.extend(map(Step, times, saved.values.tolist(), packed[1:]))
+        self._forget()
+        *counts, self.replaced = saved.counts.tolist()
+        self.counts = Counter(dict(zip(Arrival, counts, strict=True)))
+        self.arrival = None
+
+    @property
+    def _head(self) -> Step:
+        return self._steps[-1] if self._steps else self._base
+
+    def _set(self, base: Step) -> None:
+        self._base, self._estimate = base, None
+        self._steps.clear()
+
+    def _values(self, sample: Mapping[str, float]) -> list[float]:
+        channels = self._estimator.channels
+        try:
+            return [float(sample.get(c, nan)) for c in channels]
+        except (TypeError, ValueError) as error:
+            wrong = next(c for c in channels if not _is_number(sample.get(c, nan)))
+            raise InputError(f"{sample[wrong]!r} is no number", where=wrong, mend="leave it out") from error
+
+    def _advance(self, before: Step, time: float, values: list[float]) -> tuple[Step, Estimate]:
+        dt = 0.0 if isnan(before.time) else time - before.time
+        state, estimate = self._step(self._leaves, before.state, np.array([dt, *values]))
+        return Step(time, values, state), estimate
+
+    def _rewind(self, time: float, values: list[float]) -> Arrival:
+        """Put a sample in its place, and do again what came after it."""
+        place = bisect_left(self._steps, time, key=lambda step: step.time)
+        replaced, arrival = 0, Arrival.LATE
+        rest = list(islice(self._steps, place, None))
+        if rest and rest[0].time == time:
+            old, arrival = rest.pop(0).values, Arrival.MERGED
+            replaced = sum(isfinite(b) and isfinite(a) and a != b for a, b in zip(old, values, strict=True))
+            values = [b if isfinite(b) else a for a, b in zip(old, values, strict=True)]
+            if np.array_equal(old, values, equal_nan=True):
+                return arrival
+        estimate = self._estimate
+        redone = [self._steps[place - 1] if place else self._base]
+        for at, what in [(time, values), *((step.time, step.values) for step in rest)]:
+            step, estimate = self._advance(redone[-1], at, what)
+            redone.append(step)
+        self._steps = deque([*islice(self._steps, place), *redone[1:]])
+        self._estimate = estimate
+        self.replaced += replaced
+        self._forget()
+        return arrival
+
+    def _forget(self) -> None:
+        """Let go of steps that no sample can be put before."""
+        reach = inf if self._window is None else self._head.time - self._window
+        while self._steps and (self._steps[0].time < reach or len(self._steps) > self._capacity):
+            self._base = self._steps.popleft()
+
+
+def _is_number(value: Any) -> bool:
+    try:
+        float(value)
+    except (TypeError, ValueError):
+        return False
+    return True
