@@ -19,6 +19,7 @@ import pytest
 from roadstate.core import Estimates, InputError, Log
 from roadstate.metrics import evaluate
 from roadstate.report import write_report
+from roadstate.report.consistency import LAGS, nis_consistency, sensor_consistency
 from roadstate.report.page import points_per_line
 
 GOLDEN = Path(__file__).parent / "golden" / "errors.json"
@@ -138,6 +139,38 @@ def test_the_sections_come_in_order(page: str) -> None:
     assert captions[1].startswith("Error of grade")
 
 
+def test_consistency_is_told_with_bands_and_drawn(page: str, log: Log, results: dict[str, Estimates]) -> None:
+    by_first = {table[0][:2][1]: table for table in Tables(page).tables if table}
+    sensors, bands = by_first["sensor"], by_first["of (expected)"]
+    assert [row[:2] for row in sensors[1:]] == [[n, s] for n in results for s in ("speed", "accel_x")]
+    assert {row[7] for row in sensors[1:]} <= {"yes", "no"}
+    kinds = [row[1] for row in bands[1:] if row[0] == "kmbe"]
+    assert kinds[0] == "NIS per sensor (1)"
+    assert {"NEES of grade (1)", "coverage of grade (95.0 %)"} <= set(kinds)
+    nis = nis_consistency(results["kmbe"])
+    assert nis is not None
+    row = bands[1]
+    assert float(row[2]) == pytest.approx(float(nis.mean.value), rel=6e-3)
+    low, high = map(float, row[3].split(" to "))
+    assert (low, high) == pytest.approx((float(nis.mean.low), float(nis.mean.high)), rel=6e-3)
+    assert row[4] == ("inside" if nis.mean.inside else "above" if nis.mean.value > high else "below")
+    lines = [c["y"] for c in columns(page) if len(c.get("y", ())) == LAGS]
+    expected = [s.autocorrelation for e in results.values() for s in sensor_consistency(e)]
+    for w in expected:
+        assert w is not None
+        for values in (w.correlation[:, 0], w.bound[:, 0], -w.bound[:, 0]):
+            assert any(np.allclose(line, values, atol=1e-6) for line in lines)
+
+
+def test_innovations_are_labelled_with_their_unit(
+    tmp_path: Path, log: Log, results: dict[str, Estimates]
+) -> None:
+    one = replace(results["kmbe"], sensor_units={"speed": "m/s^2"})
+    found = models(write_report(tmp_path / "r.html", log, {"kmbe": one}).read_text("utf-8"))
+    labels = {str(m["attributes"].get("axis_label")) for m in found if m["name"] == "LinearAxis"}
+    assert {"ν [m/s²]", "ν [SI unit]"} <= labels
+
+
 def test_every_channel_is_among_the_inputs(page: str, log: Log) -> None:
     labels = {m["attributes"]["label"]["value"] for m in models(page) if m["name"] == "LegendItem"}
     assert set(log.channels) <= labels
@@ -154,7 +187,7 @@ def test_all_time_axes_are_one(page: str) -> None:
     ranges = [m["attributes"]["x_range"] for m in figures]
     shared = [r for r in ranges if r.get("id") == ranges[0]["id"]]
     assert len(figures) > 10
-    assert len(shared) == len(figures) - 1  # all but the map
+    assert len(shared) == len(figures) - 3  # all but the map and two of lags
 
 
 def test_the_map_has_equal_scales(page: str) -> None:

@@ -10,7 +10,8 @@ from roadstate.cli.channels import channels
 from roadstate.cli.compare import compare
 from roadstate.cli.demo import demo
 from roadstate.cli.estimate import estimate
-from roadstate.cli.listings import estimators, vehicles
+from roadstate.cli.listings import estimators, manoeuvres, vehicles
+from roadstate.cli.tire import tire
 
 app = typer.Typer(
     name="roadstate",
@@ -19,7 +20,7 @@ app = typer.Typer(
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 80},
 )
-for function in (demo, channels, estimate, compare, estimators, vehicles):
+for function in (demo, channels, estimate, compare, tire, estimators, manoeuvres, vehicles):
     app.command()(function)
 
 

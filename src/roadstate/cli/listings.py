@@ -1,4 +1,4 @@
-"""``roadstate estimators`` and ``roadstate vehicles``: what there is, one line each."""
+"""``roadstate estimators``, ``manoeuvres`` and ``vehicles``: what there is, one line each."""
 
 from __future__ import annotations
 
@@ -28,6 +28,26 @@ def estimators(as_json: options.AsJson = False) -> None:
     )
     for name, e in found.items():
         rows.add_row(name, e.summary, ", ".join(need.what for need in e.needs))
+    console().print(rows)
+
+
+def manoeuvres(as_json: options.AsJson = False) -> None:
+    """List the manoeuvres that can be simulated."""
+    from roadstate.cli.console import console, print_json, table
+    from roadstate.sim.manoeuvres import all_manoeuvres
+
+    found = all_manoeuvres()
+    if as_json:
+        print_json(
+            {
+                name: {"summary": m.summary, "source": m.source, "speed": m.speed, "friction": m.friction}
+                for name, m in found.items()
+            }
+        )
+        return
+    rows = table("name", "km/h", "friction", "what it is", left=("name", "what it is"), wrap=("what it is",))
+    for name, m in found.items():
+        rows.add_row(name, f"{3.6 * m.speed:.0f}", f"{m.friction:g}", m.summary)
     console().print(rows)
 
 

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import datetime
 from collections.abc import Mapping
-from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
 from roadstate.core import Estimates, InputError, Log
-from roadstate.core.tabular import atomic_path
 from roadstate.metrics import Metrics, check_time, evaluate
-from roadstate.report import style
-from roadstate.report.backend import components, load
-from roadstate.report.figures import Panel, TimeAxes
+from roadstate.report.document import Section, write_document
+from roadstate.report.figures import TimeAxes
 from roadstate.report.inputs import input_panels
 from roadstate.report.panels import (
     innovation_panels,
@@ -22,11 +17,12 @@ from roadstate.report.panels import (
     quantities,
     quantity_panels,
     validity_panels,
+    whiteness_panels,
 )
 from roadstate.report.summary import source_of, summary
 from roadstate.report.tables import (
-    Table,
-    consistency_table,
+    band_table,
+    innovation_table,
     metrics_table,
     settings_table,
     validity_table,
@@ -37,17 +33,11 @@ from roadstate.report.track import track_panel
 _DATA_BYTES = 3_200_000  # of the 5 MB, before compression; Bokeh's own script takes 1.3
 _FEWEST, _MOST = 800, 20_000  # points of a line: enough for a projector; more than a canvas draws at ease
 _MOST_ESTIMATORS = 12
-
-
-@dataclass(frozen=True)
-class Section:
-    """A heading of the page with its panels and tables."""
-
-    key: str
-    heading: str
-    panels: list[Panel]
-    tables: list[Table]
-    intro: str = ""
+_HINTS = (
+    "Drag along a figure to zoom all time axes, Ctrl + wheel to zoom about the pointer; the reset tool at "
+    "the figure's right brings everything back. A click on a legend entry hides its line. Lines of long logs "
+    "are drawn by the minimum and maximum of each stretch, so every peak is shown."
+)
 
 
 def write_report(
@@ -79,38 +69,17 @@ def write_report(
             or the path cannot be written.
     """
     _check(log, results)
-    bokeh_files = load("bokeh.resources")
     if metrics is None:
         metrics = {name: evaluate(e, log) for name, e in results.items()}
-    markup = load("markupsafe").Markup
-    sections = _sections(log, results, metrics, vehicle, settings)
-    panels = [p for s in sections for p in s.panels]
-    script, divs = components([p.figure for p in panels], style.theme())
-    drawn = {id(panel): markup(div) for panel, div in zip(panels, divs, strict=True)}
     files = source_of(log)
-    here = resources.files(__package__)
-    html = _template(here.joinpath("page.html").read_text("utf-8")).render(
+    return write_document(
+        path,
         title=title or f"roadstate: {files[0] if files else 'report'}",
         sentences=summary(log, results, metrics),
         headline=metrics_table(metrics),
-        sections=sections,
-        figure_of=lambda panel: drawn[id(panel)],
-        css=markup(here.joinpath("page.css").read_text("utf-8")),
-        bokeh=markup(bokeh_files.Resources(mode="inline", components=["bokeh"]).render_js()),
-        script=markup(script),
-        written=datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        sections=_sections(log, results, metrics, vehicle, settings),
+        hints=_HINTS,
     )
-    with atomic_path(path) as temporary:
-        temporary.write_text(html, "utf-8")
-    return Path(path)
-
-
-def _template(text: str) -> Any:
-    """A template that escapes whatever is put into it."""
-    jinja2 = load("jinja2")
-    return jinja2.Environment(
-        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    ).from_string(text)
 
 
 def _check(log: Log, results: Mapping[str, Estimates]) -> None:
@@ -135,7 +104,7 @@ def _sections(
     axes = TimeAxes(log.time, points_per_line(log, results))
     estimated = [p for q in quantities(results) for p in quantity_panels(axes, q, results, log)]
     innovations = innovation_panels(axes, results)
-    consistency = consistency_table(results)
+    bands = [t for t in (innovation_table(results), band_table(results, log)) if t is not None]
     first = next((n for n, e in results.items() if "grade" in e.values), "")
     track = track_panel(log, first, results.get(first), min(axes.points, 6000))
     details = [
@@ -145,7 +114,7 @@ def _sections(
     details += [settings_table("Settings", settings)] if settings else []
     details += [settings_table(f"Estimator {n}", e.metadata) for n, e in results.items() if e.metadata]
     details += [settings_table("Versions", versions())]
-    candidates = [
+    return [
         Section("estimates", "Estimates", estimated, []),
         Section(
             "innovations",
@@ -158,10 +127,9 @@ def _sections(
         Section("validity", "Validity", validity_panels(axes, results), [validity_table(results)]),
         Section("inputs", "Inputs", input_panels(axes, log), []),
         Section("track", "Track", [track] if track else [], []),
-        Section("consistency", "Consistency", [], [consistency] if consistency else []),
+        Section("consistency", "Consistency", whiteness_panels(results), bands, columns=2),
         Section("details", "Vehicle, settings, versions", [], details),
     ]
-    return [s for s in candidates if s.panels or s.tables]
 
 
 def points_per_line(log: Log, results: Mapping[str, Estimates]) -> int:

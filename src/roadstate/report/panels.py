@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import cycle
 
 import numpy as np
 from numpy.typing import NDArray
 
-from roadstate.core import CHANNELS, QUANTITIES, REFERENCE_OF, Estimates, Log, Validity
+from roadstate.core import QUANTITIES, REFERENCE_OF, Estimates, Log, Validity
 from roadstate.metrics import presented, presented_unit
 from roadstate.report import backend, style
 from roadstate.report.consistency import sensor_consistency, windowed_ratio
 from roadstate.report.downsample import runs
 from roadstate.report.figures import Panel, TimeAxes, Trace, plain, set_view
+from roadstate.report.plots import Curve, xy_figure
 from roadstate.report.view import unit_label
 
 Array = NDArray[np.float64]
@@ -85,7 +87,7 @@ def innovation_panels(axes: TimeAxes, results: Results) -> list[Panel]:
             color = style.estimator_color(i)
             limit = np.where(np.isfinite(innovation), limit, np.nan)
             trace = Trace("ν ± 2σ", innovation, color, limit, -limit, limit, 1.0, outline=style.TEXT)
-            unit = unit_label(CHANNELS[sensor].unit) if sensor in CHANNELS else "SI unit"
+            unit = unit_label(estimates.sensor_units.get(sensor, "SI unit"))
             plot = axes.figure(f"ν [{unit}]", 170)
             note = set_view(plot, axes.draw(plot, [trace], unit), at_least=_bounds_height([limit]))
             heading = f"{name}: {sensor} — {100 * shares[sensor]:.1f} % outside ±2σ"
@@ -113,6 +115,26 @@ def nis_panels(axes: TimeAxes, results: Results) -> list[Panel]:
         plot.y_range = backend.models().Range1d(low / 1.5, high * 1.5)
     windows.mark(plot, 1.0)
     return [Panel(f"NIS per sensor used, mean over {window:.3g} s (1 is consistent)", plot)]
+
+
+def whiteness_panels(results: Results) -> list[Panel]:
+    """For each estimator: the autocorrelation of every sensor's innovations, with its bound."""
+    panels = []
+    for name, estimates in results.items():
+        drawn = []
+        rows = [row for row in sensor_consistency(estimates) if row.autocorrelation is not None]
+        for row, color in zip(rows, cycle(style.LINES), strict=False):
+            assert row.autocorrelation is not None
+            rho, bound = row.autocorrelation.correlation[:, 0], row.autocorrelation.bound[:, 0]
+            lags = np.arange(1.0, len(rho) + 1)
+            drawn.append(Curve(row.sensor, lags, rho, color))
+            drawn += [Curve(row.sensor, lags, side * bound, color, "dashed", 1.0) for side in (-1, 1)]
+        if drawn:
+            heading = f"{name}: autocorrelation of the innovations"
+            note = "Dashed: what white innovations stay within at 95 lags of 100."
+            plot = xy_figure(drawn, "lag [samples of the sensor]", "ρ [-]", height=260)
+            panels.append(Panel(heading, plot, note))
+    return panels
 
 
 def validity_panels(axes: TimeAxes, results: Results) -> list[Panel]:

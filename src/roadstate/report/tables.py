@@ -5,15 +5,22 @@ from __future__ import annotations
 import importlib.metadata
 import math
 import platform
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from roadstate.core import Estimates, Validity
+from roadstate.consistency import BandTest, Whiteness
+from roadstate.core import Estimates, Log, Validity
 from roadstate.metrics import Metrics
-from roadstate.report.consistency import EXPECTED_BEYOND, nis_consistency, sensor_consistency
+from roadstate.report.consistency import (
+    EXPECTED_BEYOND,
+    LAGS,
+    errors_consistency,
+    nis_consistency,
+    sensor_consistency,
+)
 from roadstate.report.view import unit_label
 
 _LONGEST = 240  # characters of one cell
@@ -81,27 +88,54 @@ def metrics_table(metrics: Mapping[str, Mapping[str, Metrics]]) -> Table | None:
     )
 
 
-def consistency_table(results: Mapping[str, Estimates]) -> Table | None:
-    """Innovations and NIS against what the filters claim; ``None`` where there are no innovations."""
+def innovation_table(results: Mapping[str, Estimates]) -> Table | None:
+    """Each sensor's innovations against what the filters claim; ``None`` where there are none."""
     rows: list[tuple[str, ...]] = []
     for name, estimates in results.items():
         for s in sensor_consistency(estimates):
-            ratio = (f"{number(s.rms)} (1)", f"{number(s.mean)} (0)")
-            rows.append((name, s.sensor, *ratio, _against(s.beyond, EXPECTED_BEYOND), str(s.n)))
+            size = (number(s.rms), number(s.mean), share(s.beyond))
+            rows.append((name, s.sensor, *size, *_whiteness(s.autocorrelation), str(s.n)))
+    if not rows:
+        return None
+    expected = ("RMS of ν/σ (1)", "mean (0)", f"outside ±2σ ({share(EXPECTED_BEYOND)})")
+    return Table(
+        "Innovations",
+        ("estimator", "sensor", *expected, "ρ₁ (0 ± bound)", "lags outside (5.0 %)", "white", "samples"),
+        rows,
+        labels=2,
+        note="In brackets: what a consistent filter gives. ν/σ is an innovation over its standard deviation, "
+        f"ρ₁ its correlation with the sensor's next one. White: the squares of the first {LAGS} correlations "
+        "stay below the 95 % limit of χ² (Box–Pierce). Where a sensor's own errors are correlated, as real "
+        "ones' are, no tuning of a filter that takes them for white makes its innovations so.",
+    )
+
+
+def band_table(results: Mapping[str, Estimates], log: Log) -> Table | None:
+    """NIS, NEES and coverage with their bands; ``None`` where there is none of them."""
+    rows: list[tuple[str, ...]] = []
+    for name, estimates in results.items():
         nis = nis_consistency(estimates)
         if nis is not None:
-            mean = f"{number(nis.mean)} ({number(nis.expected)})"
-            rows.append((name, "NIS of all sensors", "–", mean, _against(nis.beyond, 0.05), str(nis.n)))
+            rows.append((name, "NIS per sensor (1)", *_band(nis.mean), str(nis.n), "all"))
+            rows.append(
+                (name, "NIS above its 95 % quantile (5.0 %)", share(nis.beyond), "–", "–", str(nis.n), "–")
+            )
+    for name, e in errors_consistency(results, log):
+        shown, counts = e.quantity.replace("_", " "), (str(e.n), str(e.independent))
+        rows.append((name, f"NEES of {shown} (1)", *_band(e.nees), *counts))
+        rows.append((name, f"coverage of {shown} (95.0 %)", *_band(e.coverage, share), *counts))
     if not rows:
         return None
     return Table(
-        "Consistency",
-        ("estimator", "sensor", "RMS of ν/σ", "mean", "outside", "samples"),
+        "Bands",
+        ("estimator", "of (expected)", "value", "95 % band", "verdict", "samples", "of them independent"),
         rows,
         labels=2,
-        note="In brackets: what a consistent filter gives. A sensor's rows are its innovations over their "
-        "standard deviation, outside meaning beyond ±2σ; the mean NIS is expected to be the mean number of "
-        "sensors with a sample, outside meaning above the 95 % quantile of χ².",
+        note="A filter whose model is the world's stays in the band 95 times in 100. The band of the NIS "
+        "takes innovations as independent in time: where they are not white (above), it is too "
+        "narrow. Errors are correlated even in a perfect filter, so the bands of NEES and coverage "
+        "count only samples so far apart that neighbours hardly correlate; an error that is a "
+        "constant offset has none such, and no band.",
     )
 
 
@@ -134,8 +168,19 @@ def versions() -> dict[str, str]:
     return found
 
 
-def _against(value: float, expected: float) -> str:
-    return f"{share(value)} ({share(expected)})"
+def _whiteness(found: Whiteness | None) -> tuple[str, str, str]:
+    if found is None:
+        return ("–", "–", "–")
+    near = f"{number(float(found.correlation[0, 0]))} (0 ± {number(float(found.bound[0, 0]), 2)})"
+    white = bool(found.portmanteau[0] <= found.limit)
+    return near, share(float(found.share_outside[0])), "yes" if white else "no"
+
+
+def _band(test: BandTest, show: Callable[[float], str] = number) -> tuple[str, str, str]:
+    if not np.isfinite(test.low):
+        return show(float(test.value)), "–", "–"
+    verdict = "inside" if test.inside else "above" if test.value > test.high else "below"
+    return show(float(test.value)), f"{show(float(test.low))} to {show(float(test.high))}", verdict
 
 
 def _flat(prefix: str, value: Any) -> Iterator[tuple[str, str]]:
