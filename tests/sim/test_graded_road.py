@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from roadstate.core import InputError
-from roadstate.sim.road import RAMP_SPEED, GradeProfile, interchange_ramp
+from roadstate.sim.roads.grade import RAMP_SPEED, GradeProfile, interchange_ramp
 
 profiles = st.lists(st.tuples(st.floats(1.0, 500.0), st.floats(-0.3, 0.3)), min_size=1, max_size=8).map(
     lambda rows: GradeProfile(np.cumsum([r[0] for r in rows]), [r[1] for r in rows], 100.0)

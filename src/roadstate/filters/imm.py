@@ -72,7 +72,7 @@ class IMM(Filter[IMMState]):
         """Each mode's prior."""
         switching = _switching(model)
         return IMMState(
-            modes=eqx.filter_vmap(self.filter.init)(switching.modes),
+            modes=eqx.filter_vmap(self.filter.init, axis_size=len(switching.probability))(switching.modes),
             log_probability=_log(switching.probability),
             rejected=jnp.zeros(len(model.sensors), jnp.int32),
         )

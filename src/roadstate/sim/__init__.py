@@ -1,4 +1,4 @@
-"""Simulated drives: for now a longitudinal point-mass model on a graded road.
+"""Simulated drives: roads, plants, drivers and manoeuvres, sensors; and the point-mass model of the demo.
 
 The names below are loaded when first used, so that importing this package does not import JAX.
 """
@@ -9,23 +9,25 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from roadstate.sim.drive import SpeedPlan, Truth, follow
+    from roadstate.sim.drive import Truth, follow
     from roadstate.sim.driver import Driver
     from roadstate.sim.longitudinal import LongitudinalPlant
-    from roadstate.sim.road import GradeProfile, interchange_ramp
+    from roadstate.sim.roads.grade import GradeProfile, interchange_ramp
     from roadstate.sim.scenario import simulate
-    from roadstate.sim.sensors import SensorNoise, measure
+    from roadstate.sim.sensors.noise import SensorNoise
+    from roadstate.sim.sensors.suite import measure
+    from roadstate.sim.speed_plan import SpeedPlan
 
 _HOME = {
     "Driver": "driver",
-    "GradeProfile": "road",
+    "GradeProfile": "roads.grade",
     "LongitudinalPlant": "longitudinal",
-    "SensorNoise": "sensors",
-    "SpeedPlan": "drive",
+    "SensorNoise": "sensors.noise",
+    "SpeedPlan": "speed_plan",
     "Truth": "drive",
     "follow": "drive",
-    "interchange_ramp": "road",
-    "measure": "sensors",
+    "interchange_ramp": "roads.grade",
+    "measure": "sensors.suite",
     "simulate": "scenario",
 }
 

@@ -11,10 +11,10 @@ import jax
 import numpy as np
 from numpy.typing import NDArray
 
-from roadstate.core import InputError
 from roadstate.sim.driver import Command, Driver, DriverState
 from roadstate.sim.longitudinal import Motion
-from roadstate.sim.road import RAMP_SPEED, GradeProfile
+from roadstate.sim.roads.grade import GradeProfile
+from roadstate.sim.speed_plan import SpeedPlan as SpeedPlan
 
 STEP = 0.001
 """Integration step in s."""
@@ -23,50 +23,6 @@ SAMPLE_STEP = 0.01
 Array = NDArray[np.float64]
 
 _SUBSTEPS = round(SAMPLE_STEP / STEP)
-
-
-@dataclass(frozen=True)
-class SpeedPlan:
-    """A target speed over time, linear between its knots.
-
-    Attributes:
-        time: knots in s, the first at 0, increasing.
-        speed: target speed at the knots in m/s, never negative.
-
-    Raises:
-        InputError: knots that do not increase or a negative speed.
-    """
-
-    time: tuple[float, ...]
-    speed: tuple[float, ...]
-
-    def __post_init__(self) -> None:
-        increasing = len(self.time) > 1 and bool((np.diff(self.time) > 0).all()) and self.time[0] == 0
-        if len(self.time) != len(self.speed) or not increasing or min(self.speed) < 0:
-            raise InputError("a speed plan needs times from 0 upward and as many speeds of 0 or more")
-
-    @property
-    def duration(self) -> float:
-        """Seconds from first to last knot."""
-        return self.time[-1]
-
-    @classmethod
-    def constant(cls, speed: float = RAMP_SPEED, duration: float = 110.0) -> SpeedPlan:
-        """One speed (m/s) throughout: paper 002, §4.1."""
-        return cls((0.0, duration), (speed, speed))
-
-    @classmethod
-    def variable(cls) -> SpeedPlan:
-        """Braking, gear shifts and 8 s of standstill on the upslope, within the length of paper 002's ramp.
-
-        The paper's §4.2 does not print its speeds; these are chosen.
-        """
-        knots = (
-            (0.0, 9.7), (12.0, 9.7), (18.0, 14.0), (26.0, 14.0), (31.0, 8.0), (42.0, 8.0), (48.0, 0.0),
-            (56.0, 0.0), (68.0, 13.0), (78.0, 13.0), (84.0, 8.0), (90.0, 8.0), (98.0, 15.0), (106.0, 15.0),
-            (112.0, 10.0), (124.0, 10.0),
-        )  # fmt: skip
-        return cls(tuple(t for t, _ in knots), tuple(v for _, v in knots))
 
 
 @dataclass(frozen=True)
@@ -139,11 +95,9 @@ def follow(driver: Driver, road: GradeProfile, plan: SpeedPlan) -> Truth:
     """
     count = round(plan.duration / SAMPLE_STEP)
     fine = np.arange(count * _SUBSTEPS) * STEP
-    knots, speeds = np.asarray(plan.time), np.asarray(plan.speed)
-    slopes = np.diff(speeds) / np.diff(knots)
-    section = np.clip(np.searchsorted(knots, fine, side="right") - 1, 0, len(slopes) - 1)
+    target, slope = plan.at(fine)
     as_rows = partial(np.reshape, shape=(count, _SUBSTEPS))
-    rows = _run(driver, road, as_rows(np.interp(fine, knots, speeds)), as_rows(slopes[section]))
+    rows = _run(driver, road, as_rows(target), as_rows(slope))
     command, distance = rows.command, rows.motion.distance
     columns = {
         "time": np.arange(count) * SAMPLE_STEP,

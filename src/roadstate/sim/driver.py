@@ -1,4 +1,4 @@
-"""A driver who follows a speed plan with engine, gears and brakes."""
+"""Who drives the point-mass model: a speed plan followed with an engine, gears and brakes of its own."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from jaxtyping import Array, Bool, Float, Int
 from roadstate.core import InputError
 from roadstate.core.constants import GRAVITY
 from roadstate.sim.longitudinal import LongitudinalPlant, Push
+from roadstate.sim.speed_law import SpeedLaw
 
 if TYPE_CHECKING:
     from roadstate.vehicles import Vehicle
 
-_SPEED_GAIN = 2.0  # 1/s: acceleration asked for per m/s that the car is too slow
-_INTEGRAL_GAIN = 0.8  # 1/s²
+_LAW = SpeedLaw()
 _LAG = 0.12  # s: how fast engine and brakes follow what is asked of them
 _SHIFT_TIME = 0.5  # s with the clutch open
 _SETTLE_TIME = 2.0  # s before the next shift may begin
@@ -124,8 +124,7 @@ class Driver(eqx.Module):
         ratio = self.ratios[gear]
         parked = (target < 0.05) & (velocity < 0.5)
         is_open = (since_shift < _SHIFT_TIME) | parked
-        error = target - velocity
-        asked = target_accel + _SPEED_GAIN * error + state.integral
+        asked = _LAW.asked(state.integral, velocity, target, target_accel)
         force = jnp.where(
             parked, 0.0, asked * self.plant.effective_mass(ratio) + self.plant.drag * velocity**2
         )
@@ -148,7 +147,7 @@ class Driver(eqx.Module):
         brake_torque = jnp.where(on_hill, jnp.maximum(brake_torque, state.brake_torque), brake_torque)
 
         saturated = is_open | (wanted > limit) | on_hill
-        integral = jnp.where(saturated, state.integral, state.integral + _INTEGRAL_GAIN * error * dt)
+        integral = _LAW.advance(state.integral, velocity, target, saturated, dt)
         integral = jnp.where(parked, 0.0, integral)
         rolling = jnp.maximum(velocity / self.plant.radius * ratio, self._idle_speed())
         lagged = state.engine_speed + blend * (

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from roadstate.core.constants import GRAVITY
-from roadstate.sim.road import GradeProfile
+from roadstate.sim.roads.grade import GradeProfile
 
 if TYPE_CHECKING:
     from roadstate.vehicles import Vehicle

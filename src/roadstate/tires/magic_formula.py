@@ -163,6 +163,24 @@ class MagicFormula(TireModel):
         load_kept = e.operating.load
         return e.x.D / load_kept * highest(e.x.C), e.y.D / load_kept * highest(e.y.C)
 
+    def stiffnesses(
+        self,
+        load: ArrayLike,
+        *,
+        friction: ArrayLike | None = None,
+        camber: ArrayLike = 0.0,
+        pressure: ArrayLike | None = None,
+    ) -> tuple[Numbers, Numbers]:
+        """Slip stiffness C_κ (N) and cornering stiffness C_α (N/rad) at a load (4.E15, 4.E25).
+
+        Args:
+            load, camber, pressure: as :meth:`forces`.
+            friction: likewise, where stiffness follows it; the reference by default.
+        """
+        mu = self.reference_x if friction is None else friction
+        e = self._evaluate(0.0, 0.0, load, mu, self.coefficients["VXLOW"], camber, pressure)
+        return e.x.K, -e.y.K
+
     def relaxation_lengths(
         self, load: ArrayLike, *, camber: ArrayLike = 0.0, pressure: ArrayLike | None = None
     ) -> RelaxationLengths:

@@ -92,7 +92,7 @@ def presets() -> dict[str, VehicleSummary]:
 def json_schema() -> dict[str, Any]:
     """JSON Schema of the vehicle file, for editors; ``unit`` beside each quantity is its SI unit."""
     schema = Vehicle.model_json_schema()
-    _for_editors(schema)
+    for_editors(schema)
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         **schema,
@@ -100,11 +100,11 @@ def json_schema() -> dict[str, Any]:
     }
 
 
-def _for_editors(node: Any) -> None:
-    """Add the unit to each description, which is what editors show; drop titles that only repeat the key."""
+def for_editors(node: Any) -> None:
+    """Change a schema for editors: the unit into each description, which they show; no titles of keys."""
     if isinstance(node, list):
         for item in node:
-            _for_editors(item)
+            for_editors(item)
     elif isinstance(node, dict):
         if isinstance(node.get("title"), str):
             del node["title"]
@@ -112,7 +112,7 @@ def _for_editors(node: Any) -> None:
         if unit is not None and "description" in node:
             node["description"] += f" [{unit}]"
         for value in node.values():
-            _for_editors(value)
+            for_editors(value)
 
 
 def _unit_of(node: Mapping[str, Any]) -> str | None:

@@ -1,4 +1,4 @@
-"""What pydantic refuses in a vehicle file, said in one line: file, line, key, what, mend."""
+"""What pydantic refuses in a vehicle file or its like, in one line: file, line, key, what, mend."""
 
 from __future__ import annotations
 
@@ -11,13 +11,16 @@ from roadstate.core.yaml_text import Path, YamlMapping, short
 from roadstate.vehicles.parameters import Vehicle
 
 
-def as_input_error(error: ValidationError, content: YamlMapping, where: str) -> InputError:
+def as_input_error(
+    error: ValidationError, content: YamlMapping, where: str, root: type[BaseModel] = Vehicle
+) -> InputError:
     """The first thing to mend, in one line.
 
     Args:
         error: what pydantic found.
         content: the file, for its lines.
         where: the file's name.
+        root: what the file describes.
     """
     # an unknown key comes first: a misspelt key is a missing one too
     details = sorted(
@@ -29,7 +32,7 @@ def as_input_error(error: ValidationError, content: YamlMapping, where: str) -> 
     path: Path = detail["loc"]
     if context.get("key"):
         path = (*path, context["key"])
-    what, mend = _in_words(detail, path)
+    what, mend = _in_words(detail, path, root)
     if counted:
         mend += f" ({len(counted)} more to mend after it)"
     line = next((content.lines[path[:n]] for n in range(len(path), 0, -1) if path[:n] in content.lines), None)
@@ -42,16 +45,16 @@ def _dotted(path: Path) -> str:
     return text.removeprefix(".")
 
 
-def _in_words(detail: ErrorDetails, path: Path) -> tuple[str, str]:
+def _in_words(detail: ErrorDetails, path: Path, root: type[BaseModel]) -> tuple[str, str]:
     kind, context = detail["type"], detail.get("ctx", {})
     if kind == "refused":
         return str(context["what"]), str(context["mend"])
     if kind == "extra_forbidden":
-        return "unknown key", _where_it_belongs(path)
+        return "unknown key", _where_it_belongs(path, root)
     if kind == "missing":
-        return "is missing", f"add '{path[-1]}'{_meaning(path)}"
+        return "is missing", f"add '{path[-1]}'{_meaning(path, root)}"
     if kind in ("model_type", "model_attributes_type", "dict_type"):
-        known = ", ".join(_section(path).model_fields)
+        known = ", ".join(_section(path, root).model_fields)
         return "is a section, not a value", f"write its keys below it, indented: {known}"
     if kind == "literal_error":
         return "not one of the choices", f"choose {context['expected']}"
@@ -66,9 +69,9 @@ def _in_words(detail: ErrorDetails, path: Path) -> tuple[str, str]:
     return str(detail["msg"]), "see the table of keys in the documentation"
 
 
-def _section(path: Path) -> type[BaseModel]:
+def _section(path: Path, root: type[BaseModel]) -> type[BaseModel]:
     """The model of the section at ``path``, or of the one around it."""
-    model: type[BaseModel] = Vehicle
+    model = root
     for key in path:
         field = model.model_fields.get(str(key))
         kinds = [] if field is None else [field.annotation, *getattr(field.annotation, "__args__", ())]
@@ -79,20 +82,20 @@ def _section(path: Path) -> type[BaseModel]:
     return model
 
 
-def _meaning(path: Path) -> str:
-    field = _section(path[:-1]).model_fields.get(str(path[-1]))
+def _meaning(path: Path, root: type[BaseModel]) -> str:
+    field = _section(path[:-1], root).model_fields.get(str(path[-1]))
     return f": {field.description}" if field is not None and field.description else ""
 
 
-def _where_it_belongs(path: Path) -> str:
+def _where_it_belongs(path: Path, root: type[BaseModel]) -> str:
     name = str(path[-1])
     homes = [
         key
-        for key in Vehicle.model_fields
-        if _section((key,)) is not Vehicle and name in _section((key,)).model_fields
+        for key in root.model_fields
+        if _section((key,), root) is not root and name in _section((key,), root).model_fields
     ]
     if homes:
         return f"it belongs under '{homes[0]}'"
-    known = _section(path[:-1]).model_fields
+    known = _section(path[:-1], root).model_fields
     close = did_you_mean(name, known)
     return close if close.startswith("did") else f"known here: {', '.join(known)}"

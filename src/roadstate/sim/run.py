@@ -1,0 +1,236 @@
+"""A driver, a plant and a manoeuvre: the drive, and what sensors record of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
+
+from roadstate.core import CHANNELS, WHEELS, InputError, Recording
+from roadstate.core.constants import GRAVITY
+from roadstate.core.numerics import jit_loop
+from roadstate.sim.manoeuvres.base import Manoeuvre
+from roadstate.sim.manoeuvres.driver import Driver, seen
+from roadstate.sim.plant.base import Controls, Plant, Truth
+from roadstate.sim.roads.road import Road
+from roadstate.sim.sensors.faults import Fault
+from roadstate.sim.sensors.suite import SensorSuite, measure
+
+if TYPE_CHECKING:
+    from roadstate.vehicles import Vehicle
+
+Array = NDArray[np.floating[Any]]
+CONTROL_STEP = 0.01
+"""Time between two looks of the driver, s."""
+CHUNK = 500
+"""Looks in one compiled loop."""
+
+
+@dataclass(frozen=True)
+class Drive:
+    """A drive as it was.
+
+    Attributes:
+        time: (T,) s.
+        truth: (T, …) NumPy arrays.
+        controls: (T, …) those in force until then.
+        manoeuvre: what was driven.
+        vehicle: as the driver knew it.
+    """
+
+    time: Array
+    truth: Truth
+    controls: Controls
+    manoeuvre: Manoeuvre
+    vehicle: Vehicle
+
+
+def looks(plant: Plant, driver: Driver, carry: Any, first: Any, steps: int) -> Any:
+    """A chunk of the drive from look number ``first`` on: what to go on with, and its rows.
+
+    Args:
+        plant, driver: who drives what.
+        carry: state of the plant, of the driver, and controls in force.
+        first: number of the first look.
+        steps: rows per look.
+    """
+    road, short = driver.road, CONTROL_STEP / steps
+
+    def look(carry: Any, k: Any) -> tuple[Any, Any]:
+        state, person, held = carry
+        now = plant.truth(road, state, held)
+        person, controls = driver.controls(person, seen(road, now), k * CONTROL_STEP, CONTROL_STEP)
+        if steps == 1:
+            return (plant.step(road, state, controls, CONTROL_STEP), person, controls), (now, held)
+
+        def part(state: Any, _: None) -> tuple[Any, Truth]:
+            after = plant.step(road, state, controls, short)
+            return after, plant.truth(road, after, controls)
+
+        state, later = jax.lax.scan(part, state, None, length=steps)
+        whole = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b[:-1]]), now, later)
+        moved = jax.tree.map(lambda a, b: jnp.stack([a] + [b] * (steps - 1)), held, controls)
+        return (state, person, controls), (whole, moved)
+
+    carry, rows = jax.lax.scan(look, carry, first + jnp.arange(CHUNK))
+    if steps > 1:
+        rows = jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:]), rows)
+    return carry, rows
+
+
+_roll = jit_loop(looks)
+
+
+@eqx.filter_jit
+def _start(plant: Plant, road: Road, speed: Any, s: Any, d: Any) -> Any:
+    return plant.init(road, speed, s, d)
+
+
+def common_driver(manoeuvre: Manoeuvre, vehicle: Vehicle) -> Driver:
+    """The driver of a manoeuvre with tables of one length for most of them, so that they compile once.
+
+    What is added goes on as the tables do beyond their ends.
+    """
+    driver = Driver.for_vehicle(manoeuvre, vehicle)
+    script, path, road = driver.script.table, driver.path.table, driver.road
+    script = _repeated(script, 16_384)
+    path = _repeated(path, 4096)
+    value, slope = road.line[-1].sum(axis=0), road.line[-1, 1] + 2 * road.line[-1, 2] + 3 * road.line[-1, 3]
+    slope = slope * jnp.asarray([1.0, 1.0, 0.0, 1.0, 0.0])
+    added = jnp.arange(_room(road.line.shape[0], 4096) - road.line.shape[0])[:, None]
+    none = jnp.zeros_like(slope + added)
+    more = jnp.stack([value + slope * added, slope + none, none, none], axis=1)
+    line = jnp.concatenate([road.line, more])
+    longer: Driver = eqx.tree_at(
+        lambda d: (d.script.table, d.path.table, d.road.line), driver, (script, path, line)
+    )
+    return longer
+
+
+def _repeated(table: Any, least: int) -> Any:
+    """A table whose last row is repeated until it has a common length."""
+    rows = table.shape[0]
+    return jnp.concatenate([table, jnp.repeat(table[-1:], _room(rows, least) - rows, axis=0)])
+
+
+def _room(rows: int, least: int) -> int:
+    return max(least, 1 << (rows - 1).bit_length())
+
+
+def drive(plant: Plant, manoeuvre: Manoeuvre, vehicle: Vehicle, *, rate: float = 100.0) -> Drive:
+    """Drive a manoeuvre; the driver looks 100 times a second.
+
+    Args:
+        plant: the car.
+        manoeuvre: what to drive.
+        vehicle: what the driver knows of the car.
+        rate: rows per second, a multiple of 100 Hz that the plant's inner step allows.
+
+    Raises:
+        InputError: another rate, or a drive whose truth is not finite.
+    """
+    steps = round(rate * CONTROL_STEP)
+    if not 1 <= steps <= 100 or abs(steps / CONTROL_STEP - rate) > 1e-6:
+        raise InputError(f"a rate of {rate:g} Hz", mend="choose a multiple of 100 Hz, up to 10 kHz")
+    driver = common_driver(manoeuvre, vehicle)
+    place = (manoeuvre.speed, manoeuvre.s, manoeuvre.d)
+    state = _start(plant, driver.road, *(jnp.asarray(v) for v in place))
+    carry, chunks = (state, driver.init(), Controls.make()), []
+    count = round(manoeuvre.duration / CONTROL_STEP) + 1
+    for first in range(0, count, CHUNK):
+        carry, rows = _roll(plant, driver, carry, jnp.asarray(first), steps)
+        chunks.append(jax.tree.map(np.asarray, rows))
+    truth, controls = jax.tree.map(lambda *parts: np.concatenate(parts)[: count * steps], *chunks)
+    return checked(np.arange(len(truth.position)) / rate, truth, controls, manoeuvre, vehicle)
+
+
+def checked(time: Array, truth: Truth, controls: Controls, manoeuvre: Manoeuvre, vehicle: Vehicle) -> Drive:
+    """The drive, if it is one.
+
+    Raises:
+        InputError: its truth is not finite.
+    """
+    lost = ~np.isfinite(truth.position).all(axis=-1)
+    if lost.any():
+        raise InputError(
+            f"the simulation of '{manoeuvre.name}' breaks down at t={time[int(np.argmax(lost))]:.2f} s",
+            mend="lower the speed or check the vehicle's figures",
+        )
+    return Drive(time, truth, controls, manoeuvre, vehicle)
+
+
+def truth_table(driven: Drive) -> dict[str, Array]:
+    """The drive as columns for :func:`roadstate.sim.sensors.measure`, and as references."""
+    truth, controls = driven.truth, driven.controls
+    # what an accelerometer at rest in this attitude reads: the world's up, times g, in the body's axes
+    _, pitch, roll = truth.attitude.T
+    up = np.stack([-np.sin(pitch), np.cos(pitch) * np.sin(roll), np.cos(pitch) * np.cos(roll)])
+    kinematic = truth.specific_force.T - GRAVITY * up
+    table: dict[str, Any] = {
+        "time": driven.time,
+        **_named(("accel_x", "accel_y", "accel_z"), truth.specific_force.T),
+        **_named(("roll_rate", "pitch_rate", "yaw_rate"), truth.angular_rate.T),
+        **_named(("roll_accel", "pitch_accel", "yaw_accel"), truth.angular_accel.T),
+        "kinematic_accel_x": kinematic[0],
+        "kinematic_accel_y": kinematic[1],
+        **_named(("east", "north", "altitude"), truth.position.T),
+        "steering_wheel": controls.steering_wheel,
+        "steer": truth.steer[:, :2].mean(axis=1),
+        "brake": controls.brake,
+        "engine_torque": truth.engine_torque,
+        "engine_speed": truth.engine_speed,
+        # the plant's is from engine to wheel, the channel's is the gearbox's alone
+        "gear_ratio": truth.gear_ratio / driven.vehicle.driveline.final_drive,
+        "ref_grade": truth.grade,
+        "ref_bank": truth.bank,
+        "ref_velocity_x": truth.planar_velocity[:, 0],
+        "ref_velocity_y": truth.planar_velocity[:, 1],
+    }
+    per_wheel = {
+        "wheel_speed": truth.wheel_speed,
+        "drive_torque": truth.drive_torque,
+        "brake_torque": np.abs(np.asarray(truth.brake_torque)),
+        "brake_pressure": truth.brake_pressure,
+        "ref_friction": truth.friction,
+        "ref_force_x": truth.force_x,
+        "ref_force_y": truth.force_y,
+        "ref_load": truth.load,
+        "ref_slip": truth.slip,
+        "ref_slip_angle": truth.slip_angle,
+    }
+    for name, columns in per_wheel.items():
+        table |= _named([f"{name}_{w}" for w in WHEELS], np.asarray(columns).T)
+    return {
+        n: np.asarray(v, np.float64) for n, v in table.items() if not n.startswith("ref_") or n in CHANNELS
+    }
+
+
+def _named(names: Sequence[str], rows: Any) -> dict[str, Any]:
+    return dict(zip(names, rows, strict=True))
+
+
+def record(
+    driven: Drive,
+    suite: SensorSuite,
+    *,
+    seed: int = 0,
+    faults: Sequence[Fault] = (),
+    metadata: Mapping[str, Any] | None = None,
+) -> Recording:
+    """What sensors record of a drive, with the truth in ``ref_*``.
+
+    Args:
+        driven: from :func:`drive`.
+        suite: the sensors.
+        seed: same seed, same bits.
+        faults: to put in.
+        metadata: more of it, such as the vehicle's name.
+    """
+    described = {"source": "simulated", "manoeuvre": driven.manoeuvre.name, **(metadata or {})}
+    return measure(truth_table(driven), suite, seed=seed, faults=faults, metadata=described)
