@@ -21,6 +21,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
+from benchmarks.machine import processor
 
 from roadstate.core import Log
 from roadstate.io import write
@@ -167,7 +168,7 @@ def as_table(rows: Sequence[Row], runs: int) -> str:
     lines = [
         "# `roadstate estimate`: time and memory",
         "",
-        f"`python -m benchmarks.estimate --runs {runs}` on {os.cpu_count()} cores ({_processor()}), "
+        f"`python -m benchmarks.estimate --runs {runs}` on {os.cpu_count()} cores ({processor()}), "
         f"Python {platform.python_version()}, JAX {jax.__version__}. Whole processes unless said otherwise.",
         "",
         "| what | median | least | most | processor time | budget |",
@@ -179,15 +180,6 @@ def as_table(rows: Sequence[Row], runs: int) -> str:
         budget = "–" if row.budget is None else f"{row.budget:g} {row.unit}"
         lines.append(f"| {row.what} | {' | '.join(shown)} | {row.cpu:.2f} s | {budget} |")
     return "\n".join(lines) + "\n"
-
-
-def _processor() -> str:
-    info = Path("/proc/cpuinfo")
-    if info.is_file():
-        for line in info.read_text().splitlines():
-            if line.startswith("model name"):
-                return line.partition(":")[2].strip()
-    return platform.processor() or platform.machine()
 
 
 def main() -> None:

@@ -1,0 +1,160 @@
+"""roadstate's filters: a log in one compiled loop, many logs at once, and sample by sample."""
+
+from __future__ import annotations
+
+import time
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from benchmarks.peers.problems import Array, Problem, model
+from benchmarks.peers.program import Program
+
+from roadstate.core.numerics import jit_loop
+from roadstate.core.packing import Layout
+from roadstate.filters import KF, UKF, Filter
+from roadstate.filters.marginal import MarginalUKF
+from roadstate.filters.particle import ParticleFilter
+from roadstate.filters.weighted import deviations
+
+LOGS = 256
+# as roadstate.run.batch: the threading library for products may wait for ever when two programs run at once
+_BATCH_OPTIONS = {"xla_cpu_experimental_ynn_fusion_type": ""}
+
+
+def choose(problem: Problem, marginal: bool = False, seed: Any = 0) -> Filter[Any]:
+    """The filter the problem asks for."""
+    if marginal:
+        return MarginalUKF()
+    if problem.method == "pf":
+        return ParticleFilter(particles=problem.particles, threshold=1.0, seed=seed)
+    return KF() if problem.method == "kf" else UKF()
+
+
+def _moments(filter_: Filter[Any], state: Any) -> Any:
+    """Mean and standard deviations, side by side: as much as every implementation gives."""
+    if isinstance(filter_, ParticleFilter):
+        mean, spread = deviations(state.particles, state.log_weights)
+        return jnp.concatenate([mean, jnp.sqrt(jnp.sum(spread**2, axis=1))])
+    now = filter_.posterior(state)
+    return jnp.concatenate([now.mean, now.std])
+
+
+def _step(filter_: Filter[Any], system: Any, layout: Layout, packed: Any, row: Any, dt: Any) -> Any:
+    m = len(system.sensors)
+    state, _ = filter_.step(system, layout.unpack(packed), row[:-m], row[-m:], dt)
+    return layout.pack(state), _moments(filter_, state)
+
+
+def _scan(filter_: Filter[Any], system: Any, layout: Layout, packed: Any, rows: Any, dt: Any) -> Any:
+    def body(carry: Any, row: Any) -> Any:
+        return _step(filter_, system, layout, carry, row, dt)
+
+    return jax.lax.scan(body, packed, rows)[1]
+
+
+def _batch(filter_: Filter[Any], system: Any, layout: Layout, packed: Any, rows: Any, dt: Any) -> Any:
+    return jax.vmap(lambda p, r: _scan(filter_, system, layout, p, r, dt))(packed, rows)
+
+
+def _rows(problem: Problem, samples: Array) -> Array:
+    inputs = np.broadcast_to(problem.inputs, (*samples.shape[:-1], problem.inputs.shape[-1]))
+    return np.concatenate([inputs, samples], axis=-1)
+
+
+def scan(problem: Problem, marginal: bool = False) -> Program:
+    """The whole log in one compiled loop."""
+    filter_, system = choose(problem, marginal), model(problem)
+    state = filter_.init(system)
+    layout = Layout(state)
+    run = jit_loop(_scan)
+    packed, rows = jax.block_until_ready((layout.pack(state), jnp.asarray(_rows(problem, problem.samples))))
+    dt = jnp.asarray(problem.dt)
+
+    def call() -> Any:
+        return jax.block_until_ready(run(filter_, system, layout, packed, rows, dt))
+
+    return Program(call, lambda out: np.asarray(out)[:, : len(problem.q)], problem.steps)
+
+
+def batch(problem: Problem, marginal: bool = False, logs: int = LOGS, threads: int = 1) -> Program:
+    """Many logs at once: the first is the problem's own, the others have noise of their own.
+
+    Args:
+        problem: the log, and what to run.
+        marginal: with :class:`~roadstate.filters.marginal.MarginalUKF`.
+        logs: a multiple of ``threads``, which share them evenly.
+        threads: one call each.
+    """
+    filter_, system = choose(problem, marginal), model(problem)
+    random = np.random.default_rng(5)
+    noise = random.standard_normal((logs, *problem.samples.shape)) * problem.r
+    noise[0] = 0
+    layout = Layout(filter_.init(system))
+
+    def begin(seed: Any) -> Any:
+        return layout.pack(choose(problem, marginal, seed).init(system))
+
+    rows = jnp.asarray(_rows(problem, problem.samples + noise))
+    whole = jax.jit(jax.vmap(begin))(jnp.arange(logs)), rows
+    shares = jax.block_until_ready([_share(whole, i, logs // threads) for i in range(threads)])
+    run, dt = jit_loop(_batch, _BATCH_OPTIONS), jnp.asarray(problem.dt)
+    pool = ThreadPoolExecutor(threads)
+    compiled = False
+
+    def one(share: Any) -> Any:
+        return jax.block_until_ready(run(filter_, system, layout, *share, dt))
+
+    def call() -> list[Any]:
+        nonlocal compiled
+        if not compiled or threads == 1:  # two threads would compile twice
+            compiled = True
+            return [one(share) for share in shares]
+        return list(pool.map(one, shares))
+
+    how = "in one call" if threads == 1 else f"shared by {threads} threads"
+    note = f"{logs} logs of {problem.steps} samples, per step and log, {how}"
+    return Program(
+        call, lambda out: np.asarray(out[0][0])[:, : len(problem.q)], problem.steps, logs, note=note
+    )
+
+
+def _share(whole: Any, index: int, size: int) -> Any:
+    return jax.tree.map(lambda a: a[index * size : (index + 1) * size], whole)
+
+
+def stream(problem: Problem) -> Program:
+    """One sample at a time, as :class:`roadstate.run.Stream` does it: a compiled step called from Python."""
+    filter_, system = choose(problem), model(problem)
+    state = filter_.init(system)
+    layout = Layout(state)
+    start = jax.block_until_ready(layout.pack(state))
+    leaves, structure = jax.tree.flatten(eqx.filter((filter_, system), eqx.is_array))
+    static = eqx.filter((filter_, system), eqx.is_array, inverse=True)
+    rows = _rows(problem, problem.samples)
+    rows = np.concatenate([np.full((len(rows), 1), problem.dt), rows], axis=1)
+
+    @jax.jit
+    def step(arrays: list[Any], packed: Any, row: Any) -> Any:
+        own, what = eqx.combine(jax.tree.unflatten(structure, arrays), static)
+        return _step(own, what, layout, packed, row[1:], row[0])
+
+    def call() -> Any:
+        packed, outs, times = start, [], []
+        for row in rows:
+            begin = time.perf_counter()
+            packed, out = step(leaves, packed, row)
+            outs.append(np.asarray(out))
+            times.append(time.perf_counter() - begin)
+        return np.stack(outs), np.array(times)
+
+    return Program(
+        call,
+        lambda out: out[0][:, : len(problem.q)],
+        problem.steps,
+        latencies=lambda out: out[1],
+        note="called from Python for each sample: the median step, the estimate read",
+    )
