@@ -122,3 +122,32 @@ def test_dt_must_be_a_multiple_of_the_inner_step(car: MultibodyPlant) -> None:
     state = eqx.filter_eval_shape(car.init, Plane(), 10.0)
     with pytest.raises(ValueError, match="no multiple"):
         car.step(Plane(), state, Controls.make(), 0.0015)
+
+
+@pytest.mark.parametrize(("name", "friction"), [("truck", 0.9), ("compact-car", 0.1)])
+def test_violent_driving_stays_finite_and_within_friction(name: str, friction: float) -> None:
+    """Pedals, wheel and gears thrown about; the truck lifts wheels, no force exceeds what the road has.
+
+    But for the Magic Formula's camber thrust, which it hardly lowers on ice.
+    """
+    random = np.random.default_rng(1)
+    plant, road, t = multibody_plant(load_vehicle(name)), Plane(0.0, 0.0, friction, friction), samples(16.0)
+
+    def thrown(low: float, high: float) -> np.ndarray:
+        return np.repeat(random.uniform(low, high, 16), 100)
+
+    controls = Controls.make(
+        steering_wheel=thrown(-4, 4),
+        throttle=thrown(0, 1),
+        brake=np.where(thrown(0, 1) > 0.7, thrown(0, 1), 0.0),
+        gear=np.where(thrown(0, 1) > 0.85, -1.0, 100.0),
+    )
+    assert len(t) == 1600
+    _, truth = drive(plant, road, start(plant, road, 28.0), controls)
+    for field, values in truth._asdict().items():
+        assert np.isfinite(values).all(), field
+    used = np.hypot(truth.force_x, truth.force_y)[truth.load > 200] / truth.load[truth.load > 200]
+    assert 0.7 * friction < used.max() < 1.1 * friction + 0.05
+    assert truth.load.min() >= 0
+    if name == "truck":
+        assert truth.load.min() == 0
