@@ -34,6 +34,15 @@ def test_a_drive_becomes_a_log_with_its_truth(run: Run, tmp_path: Path) -> None:
     assert not np.array_equal(log["accel_y"], read(tmp_path / "b.parquet").resample(100.0)["accel_y"])
 
 
+def test_a_car_that_is_not_as_its_file_says(run: Run, tmp_path: Path) -> None:
+    end = run("simulate", "double-lane-change", "--plant", "seven-dof", "--mismatch", "mass=10",
+              "--out", str(tmp_path / "a.parquet"), "--json")  # fmt: skip
+    assert end.json["mismatch"] == {"mass": 10.0}
+    log = read(tmp_path / "a.parquet").resample(100.0)
+    load = sum(log[f"ref_load_{w}"] for w in ("fl", "fr", "rl", "rr"))
+    assert np.nanmean(load) == pytest.approx(1.1 * load_vehicle("family-car").mass * 9.80665, rel=0.03)
+
+
 @pytest.mark.parametrize(
     "words",
     [
@@ -45,6 +54,10 @@ def test_a_drive_becomes_a_log_with_its_truth(run: Run, tmp_path: Path) -> None:
         ("simulate", "slalom", "--friction", "-1"),
         ("simulate", "slalom", "--road", "no-such-road.yaml"),
         ("simulate", "slalom", "--vehicle", "no-such-car"),
+        ("simulate", "slalom", "--mismatch", "weight=10"),
+        ("simulate", "slalom", "--mismatch", "mass=ten"),
+        ("simulate", "slalom", "--mismatch", "mass=900"),
+        ("simulate", "slalom", "--mismatch", "mass=nan"),
     ],
 )
 def test_bad_words_are_one_line(run: Run, tmp_path: Path, words: tuple[str, ...]) -> None:

@@ -54,6 +54,14 @@ def simulate(
         Path | None,
         typer.Option("--tir", metavar="FILE", help="Tire property file for the multibody plant."),
     ] = None,
+    mismatch: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--mismatch",
+            metavar="NAME=PERCENT",
+            help="The car that drives is off the vehicle file by this, as mass=10; may be repeated.",
+        ),
+    ] = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Drive a manoeuvre in simulation and write what the car's sensors record.
@@ -69,6 +77,7 @@ def simulate(
     from roadstate.io import write
     from roadstate.sim.manoeuvres import KMH
     from roadstate.sim.manoeuvres import manoeuvre as find
+    from roadstate.sim.plant.mismatch import mismatched
     from roadstate.sim.roads import load_road, uniform
     from roadstate.sim.run import drive, record
     from roadstate.sim.sensors import sensor_preset, to_log
@@ -78,7 +87,8 @@ def simulate(
         raise InputError(f"no plant is called '{plant}'", mend=did_you_mean(plant, _PLANTS))
     if tir is not None and plant != "multibody":
         raise InputError("--tir is for the multibody plant", mend="leave out --tir or --plant")
-    suite, car = sensor_preset(noise), load_vehicle(vehicle)
+    suite, car, off = sensor_preset(noise), load_vehicle(vehicle), _percents(mismatch or [])
+    real = mismatched(car, **off)
     use_compilation_cache()
     given = None if speed is None else speed * KMH
     task = find(manoeuvre).prepare(car, speed=given, friction=friction)
@@ -88,9 +98,9 @@ def simulate(
             task = task.with_friction(uniform(friction))
     with working() as work:
         work.begin(f"driving {manoeuvre}")
-        driven = drive(_plant(plant, car, tir), task, car, rate=_RATE)
+        driven = drive(_plant(plant, real, tir), task, car, rate=_RATE)
         work.begin("writing")
-        settings = {"vehicle": vehicle, "plant": plant, "noise": noise, "seed": seed}
+        settings = {"vehicle": vehicle, "plant": plant, "noise": noise, "seed": seed, "mismatch": off}
         log = to_log(record(driven, suite, seed=seed, metadata=settings))
         write(log, out)
     facts = _facts(driven)
@@ -113,6 +123,30 @@ def simulate(
     screen.print(text(f"log: {out}"), soft_wrap=True)
     again = f"roadstate compare {out} --vehicle {vehicle}"
     screen.print(text(f"estimators on it: {again}"), soft_wrap=True)
+
+
+def _percents(given: list[str]) -> dict[str, float]:
+    from inspect import signature
+
+    from roadstate.core import InputError
+    from roadstate.core.channels import did_you_mean
+    from roadstate.sim.plant.mismatch import mismatched
+
+    known = list(signature(mismatched).parameters)[1:]
+    found = {}
+    for word in given:
+        name, _, percent = word.partition("=")
+        if name not in known:
+            raise InputError(
+                f"no figure is called '{name}'", where="--mismatch", mend=did_you_mean(name, known)
+            )
+        try:
+            found[name] = float(percent)
+        except ValueError as error:
+            raise InputError(
+                f"'{percent}' is no number", where="--mismatch", mend=f"write {name}=10 for 10 %"
+            ) from error
+    return found
 
 
 def _plant(name: str, car: Vehicle, tir: Path | None) -> Plant:

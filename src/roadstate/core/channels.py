@@ -78,6 +78,8 @@ _PER_WHEEL = (
     Channel("ref_force_x", "N", "true longitudinal tire force in the wheel's frame", "forward"),
     Channel("ref_force_y", "N", "true lateral tire force in the wheel's frame", "to the left"),
     Channel("ref_load", "N", "true vertical load", "magnitude, never negative"),
+    Channel("ref_slip", "-", "true practical slip κ", "driving"),
+    Channel("ref_slip_angle", "rad", "true slip angle α", "force to the left"),
 )
 
 
