@@ -64,7 +64,7 @@ def simulate(
     ] = None,
     as_json: options.AsJson = False,
 ) -> None:
-    """Drive a manoeuvre in simulation and write what the car's sensors record.
+    """Drive a manoeuvre in simulation; write what sensors record.
 
     The log has canonical channels at 100 Hz and the truth beside them (ref_friction_fl, ref_force_y_rl,
     ref_grade …), ready for 'roadstate estimate' and 'roadstate compare'. The same seed gives the same log.
