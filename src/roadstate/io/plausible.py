@@ -55,6 +55,8 @@ LIMITS: dict[str, Limit] = {
     "ref_force_x": _FORCE,
     "ref_force_y": _FORCE,
     "ref_load": _FORCE,
+    "ref_slip": Limit(50.0, ("%",)),
+    "ref_slip_angle": Limit(2.0, ("deg",)),
 }
 """Limits by channel; a wheel's channels share one under their name without the wheel."""
 
