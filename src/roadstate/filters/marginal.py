@@ -32,14 +32,6 @@ class _Image(NamedTuple):
     extra: Float[Array, "m k"]
 
 
-class _Pairs(NamedTuple):
-    """Mean, and the deviations (l, …) that are odd and even in the offset."""
-
-    mean: Array
-    odd: Float[Array, "l ..."]
-    even: Float[Array, "l ..."]
-
-
 class MarginalUKF(UKF):
     """Unscented Kalman filter that draws sigma points only for the states that enter nonlinearly.
 
@@ -109,31 +101,13 @@ class MarginalUKF(UKF):
             return value, jax.vmap(slope)(straight)
 
         if not self.exact:
-            values = self._halves(once(jax.vmap(function)(points)), spread)
+            values = self._pairs(once(jax.vmap(function)(points)), spread)
             rows = jnp.concatenate([values.odd, sloped(mean)[1]])
             return _Image(values.mean, rows.T, values.even.T)
-        values, slopes = (self._halves(part, spread) for part in once(jax.vmap(sloped)(points)))
+        values, slopes = (self._pairs(part, spread) for part in once(jax.vmap(sloped)(points)))
         rows = jnp.concatenate([values.odd, slopes.mean])
         wavering = jnp.concatenate([slopes.odd, slopes.even]).reshape(-1, rows.shape[1])
         return _Image(values.mean, rows.T, jnp.concatenate([values.even, wavering]).T)
-
-    def _halves(self, values: Float[Array, "p ..."], spread: float) -> _Pairs:
-        """Moments of values at the centre, at the points on one side, and at those opposite.
-
-        What the centre adds to the covariance, (β − α²) c cᵀ with c the mean less the centre's value, is put
-        into the even parts, of which c is the sum: E(I + g 11ᵀ) with (1 + g l)² = 1 + (β − α²) l/spread².
-        """
-        count = (values.shape[0] - 1) // 2
-        if not count:
-            return _Pairs(values[0], values[1:], values[1:])
-        weight = 1 / (2 * spread**2)
-        ahead, behind = values[1 : count + 1] - values[0], values[count + 1 :] - values[0]
-        both = ahead + behind
-        total = jnp.sum(both, axis=0)
-        share = sqrt(1 + 2 * weight * count * (self.beta - self.alpha**2))
-        root = sqrt(weight / 2)
-        even = root * (both + (share - 1) / count * total)
-        return _Pairs(values[0] + weight * total, root * (ahead - behind), even)
 
 
 def _leading(model: StateSpaceModel) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import sqrt
 from typing import Any, ClassVar, NamedTuple
 
@@ -16,18 +17,18 @@ from roadstate.linalg import once
 from roadstate.statespace import StateSpaceModel
 
 
-class _Pairs(NamedTuple):
-    """What a function y makes of the sigma points: Cov(y, x) = odd Sᵀ, Cov(y) = odd oddᵀ + even evenᵀ.
+class Pairs(NamedTuple):
+    """What y makes of pairs of points x̂ ± c S_i: Cov(x, y) = S odd, Cov(y) = oddᵀ odd + evenᵀ even.
 
     Attributes:
-        mean: (m,).
-        odd: (m, n) what changes sign across the centre: all that is correlated with x = x̂ + S w.
-        even: (m, n) what does not, and vanishes where there is no curvature.
+        mean: of y.
+        odd: (l, …) what changes sign across the centre: all that is correlated with x = x̂ + S w.
+        even: (l, …) what does not, and vanishes where there is no curvature.
     """
 
-    mean: Float[Array, " m"]
-    odd: Float[Array, "m n"]
-    even: Float[Array, "m n"]
+    mean: Array
+    odd: Float[Array, "l ..."]
+    even: Float[Array, "l ..."]
 
 
 class UKF(GaussianFilter):
@@ -39,7 +40,7 @@ class UKF(GaussianFilter):
 
     With d± the deviations of a pair of points from the centre's image, and c the mean less that image, the
     covariance equals Σ w (d₊d₊ᵀ + d₋d₋ᵀ) + (β − α²) c cᵀ: free of the cancellation that a small α brings. Its
-    columns (d₊ − d₋)√(w/2) are all that is correlated with x, so that P_xz = S · oddᵀ with S as it stands;
+    columns (d₊ − d₋)√(w/2) are all that is correlated with x, so that P_xz = S · odd with S as it stands;
     c is a multiple of the sum of the others, (d₊ + d₋)√(w/2), and is put into them: E(I + g 11ᵀ) with
     (1 + g n)² = 1 + 2wn(β − α²), which is positive for all parameters accepted here.
 
@@ -77,20 +78,26 @@ class UKF(GaussianFilter):
         return super().init(model)
 
     def move(self, model: StateSpaceModel, gaussian: Gaussian, u: Any, dt: Float[Array, ""]) -> Moved:
-        """f at the sigma points; the centre's column is uncorrelated with x."""
+        """f at the sigma points; what the even parts hold is uncorrelated with x."""
         u = once(u)
-        seen = self._pairs(once(jax.vmap(lambda x: model.f(x, u, dt))(self._points(gaussian))))
-        noise = jnp.concatenate([seen.even, model.sqrt_Q(u, dt)], axis=1)
-        return Moved(seen.mean, gaussian.factor, seen.odd, noise)
+        seen = self._image_of(lambda x: model.f(x, u, dt), gaussian)
+        noise = jnp.concatenate([seen.even.T, model.sqrt_Q(u, dt)], axis=1)
+        return Moved(seen.mean, gaussian.factor, seen.odd.T, noise)
 
     def update(
         self, model: StateSpaceModel, state: FilterState, u: Any, z: Float[Array, " m"]
     ) -> tuple[FilterState, Info]:
         """Measurement update."""
-        seen = self._pairs(once(jax.vmap(lambda x: model.h(x, u))(self._points(state.gaussian))))
+        seen = self._image_of(lambda x: model.h(x, u), state.gaussian)
         # even parts are uncorrelated with x: noise, as far as the update is concerned
-        noise = jnp.concatenate([model.sqrt_R(u), seen.even], axis=1)
-        return self._condition(state, z, seen.mean, state.gaussian.factor, seen.odd, noise)
+        noise = jnp.concatenate([model.sqrt_R(u), seen.even.T], axis=1)
+        return self._condition(state, z, seen.mean, state.gaussian.factor, seen.odd.T, noise)
+
+    def _image_of(
+        self, function: Callable[[Float[Array, " n"]], Float[Array, " m"]], gaussian: Gaussian
+    ) -> Pairs:
+        spread = self.alpha * sqrt(gaussian.mean.shape[0] + self.kappa)
+        return self._pairs(once(jax.vmap(function)(self._points(gaussian))), spread)
 
     def _points(self, gaussian: Gaussian) -> Float[Array, "k n"]:
         n = gaussian.mean.shape[0]
@@ -98,13 +105,21 @@ class UKF(GaussianFilter):
         # once, or every access to a point would draw it again
         return once(jnp.concatenate([gaussian.mean[None], gaussian.mean + offsets, gaussian.mean - offsets]))
 
-    def _pairs(self, values: Float[Array, "k m"]) -> _Pairs:
-        n = (values.shape[0] - 1) // 2
-        weight = 1 / (2 * self.alpha**2 * (n + self.kappa))
-        share = sqrt(1 + 2 * weight * n * (self.beta - self.alpha**2))
-        ahead, behind = once(((values[1 : n + 1] - values[0]).T, (values[n + 1 :] - values[0]).T))
+    def _pairs(self, values: Float[Array, "p ..."], spread: float) -> Pairs:
+        """Moments of values at the centre, at the points on one side, and at those opposite.
+
+        Args:
+            values: (2l + 1, …).
+            spread: c.
+        """
+        count = (values.shape[0] - 1) // 2
+        if not count:
+            return Pairs(values[0], values[1:], values[1:])
+        weight = 1 / (2 * spread**2)
+        ahead, behind = once((values[1 : count + 1] - values[0], values[count + 1 :] - values[0]))
         both = once(ahead + behind)
-        total = once(both @ jnp.ones(n, values.dtype))
+        total = jnp.sum(both, axis=0)
+        share = sqrt(1 + 2 * weight * count * (self.beta - self.alpha**2))
         scale = sqrt(weight / 2)
-        even = scale * (both + (share - 1) / n * total[:, None])
-        return _Pairs(values[0] + weight * total, scale * (ahead - behind), even)
+        even = scale * (both + (share - 1) / count * total)
+        return Pairs(values[0] + weight * total, scale * (ahead - behind), even)

@@ -42,20 +42,17 @@ def _duration(lengths: Sequence[float], start: float, speed: float) -> float:
 
 
 def _paper(setting: Setting) -> Manoeuvre:
-    lengths, start = (15.0, 30.0, 25.0, 25.0, 30.0), 2.0 * setting.speed
-    plan = SpeedPlan.constant(setting.speed, _duration(lengths, start, setting.speed))
-    return PAPER.make(
-        setting,
-        road=plain(setting.friction),
-        script=Script.write(plan),
-        path=gates(lengths, 3.5, start, setting),
-    )
+    return _at_constant_speed(PAPER, setting)
 
 
 def _iso_1(setting: Setting) -> Manoeuvre:
+    return _at_constant_speed(ISO_1, setting)
+
+
+def _at_constant_speed(kind: ManoeuvreKind, setting: Setting) -> Manoeuvre:
     lengths, start = (15.0, 30.0, 25.0, 25.0, 30.0), 2.0 * setting.speed
     plan = SpeedPlan.constant(setting.speed, _duration(lengths, start, setting.speed))
-    return ISO_1.make(
+    return kind.make(
         setting,
         road=plain(setting.friction),
         script=Script.write(plan),
