@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from roadstate.core import QUANTITIES, REFERENCE_OF, Estimates, InputError, Log
+from roadstate.core import QUANTITIES, REFERENCES, Estimates, InputError, Log, reference
 
 Array = NDArray[np.float64]
 
@@ -78,24 +78,24 @@ def evaluate(estimates: Estimates, log: Log, *, settle: float = 0.0) -> dict[str
     elapsed = log.time - log.time[0]
     found: dict[str, Metrics] = {}
     for quantity, values in estimates.values.items():
-        reference = log.channels.get(REFERENCE_OF.get(quantity, ""))
-        if reference is None:
+        truth = reference(quantity, log.channels)
+        if truth is None:
             continue
-        both = np.isfinite(values) & np.isfinite(reference)
+        both = np.isfinite(values) & np.isfinite(truth)
         if not both.any():
             continue
         used = both & (elapsed >= settle)
         if not used.any():
             raise InputError(
                 f"no sample of {quantity} is left to compare after {settle:g} s",
-                where=REFERENCE_OF[quantity],
+                where=", ".join(REFERENCES[quantity].channels),
                 mend=f"use a shorter settle; the last one lies at {elapsed[both][-1]:.6g} s",
             )
         std = estimates.std.get(quantity, np.full_like(values, np.nan))
         settled = settle_time(
-            elapsed[both], presented(quantity, values[both]) - presented(quantity, reference[both])
+            elapsed[both], presented(quantity, values[both]) - presented(quantity, truth[both])
         )
-        found[quantity] = _metrics(quantity, values[used], reference[used], std[used], settled)
+        found[quantity] = _metrics(quantity, values[used], truth[used], std[used], settled)
     return found
 
 

@@ -255,7 +255,8 @@ def test_log_without_a_reference(run: Run, good: Path) -> None:
     end = run("compare", good, "--vehicle", "family-car")
     assert_refusal(end)
     assert end.err == (
-        f"{good}: no reference to compare with (ref_grade or ref_velocity_x); map one under 'reference:' in "
+        f"{good}: no reference to compare with (ref_grade, ref_velocity_x, ref_friction_* of a wheel …); "
+        "map one under 'reference:' in "
         "the mapping file, or use 'roadstate estimate'\n"
     )
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from roadstate.core import CHANNELS, WHEELS, Log
+from roadstate.core import CHANNELS, WHEELS, Estimates, Log
 from roadstate.core.constants import GRAVITY
+from roadstate.core.quantities import BOUNDS
 from roadstate.vehicles import Vehicle
 
 GRADE = np.arctan(0.04)
@@ -47,6 +50,7 @@ def plausible_log(vehicle: Vehicle, samples: int, *, tick: float = 1 / 128, seed
         "kinematic_accel_x": slope,
         "kinematic_accel_y": speed * yaw_rate,
         "yaw_rate": yaw_rate,
+        "yaw_accel": 0.02 * np.cos(0.4 * time),
         "engine_torque": at_wheels / (total * efficiency),
         "engine_speed": speed / R * total,
         "gear_ratio": np.full(samples, vehicle.driveline.gear_ratios[GEAR]),
@@ -75,19 +79,40 @@ _MIRRORED_SIGN = {
     "accel_y",
     "kinematic_accel_y",
     "yaw_rate",
+    "yaw_accel",
+    "velocity_y",
     "roll_rate",
     "ref_bank",
     "ref_velocity_y",
-    *(f"ref_force_y_{w}" for w in WHEELS),
+    *(f"{kind}_y_{w}" for kind in ("ref_force", "force") for w in (*WHEELS, "front", "rear")),
 }
-_OTHER_SIDE = {"fl": "fr", "fr": "fl", "rl": "rr", "rr": "rl"}
+_OTHER_SIDE = {"left": "right", "right": "left", "fl": "fr", "fr": "fl", "rl": "rr", "rr": "rl"}
+
+
+def other_side(name: str) -> str:
+    """What a channel, a quantity or a bound of one is called in the mirror."""
+    bound = next((b for b in BOUNDS if name.endswith(b)), "")
+    stem, _, place = name.removesuffix(bound).rpartition("_")
+    return f"{stem}_{_OTHER_SIDE[place]}{bound}" if place in _OTHER_SIDE else name
+
+
+def sign_in_mirror(name: str) -> int:
+    """−1 for what points to a side."""
+    return -1 if name in _MIRRORED_SIGN else 1
 
 
 def mirrored(log: Log) -> Log:
     """The same drive seen in a mirror: left is right."""
-    channels = {}
-    for name, values in log.channels.items():
-        stem, _, wheel = name.rpartition("_")
-        target = f"{stem}_{_OTHER_SIDE[wheel]}" if wheel in _OTHER_SIDE else name
-        channels[target] = -values if name in _MIRRORED_SIGN else values
+    channels = {other_side(n): sign_in_mirror(n) * v for n, v in log.channels.items()}
     return Log(log.time, channels, log.metadata)
+
+
+def reflected(e: Estimates) -> Estimates:
+    """What the same estimator should say of the mirrored drive, in the order of its own sensors."""
+    values = {other_side(n): sign_in_mirror(n) * v for n, v in e.values.items()}
+    std = {other_side(n): v for n, v in e.std.items()}
+    column = [e.sensors.index(other_side(s)) for s in e.sensors]
+    sign = np.array([sign_in_mirror(s) for s in e.sensors])
+    ordered = {n: values[n] for n in e.values}, {n: std[n] for n in e.std}
+    innovation, spread = sign * e.innovation[:, column], e.innovation_std[:, column]
+    return replace(e, values=ordered[0], std=ordered[1], innovation=innovation, innovation_std=spread)

@@ -5,12 +5,22 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from roadstate.core import CHANNELS, QUANTITIES, REFERENCE_OF, WHEELS, Channel, InputError, channel
+from roadstate.core import (
+    CHANNELS,
+    QUANTITIES,
+    REFERENCES,
+    WHEELS,
+    Channel,
+    InputError,
+    channel,
+    is_bound,
+    reference,
+)
 from roadstate.core.channels import _PER_WHEEL, _PLAIN, did_you_mean
 from roadstate.core.documentation import channels_page, markdown_table
-from roadstate.core.estimates import _QUANTITY_ROWS
 from roadstate.core.units import parse_unit
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "channels.md"
@@ -31,15 +41,44 @@ def test_every_row_is_complete_and_in_si(table: Mapping[str, Channel]) -> None:
 
 def test_no_row_hides_another() -> None:
     assert len(CHANNELS) == len(_PLAIN) + 4 * len(_PER_WHEEL)
-    assert len(QUANTITIES) == len(_QUANTITY_ROWS)
-    assert set(REFERENCE_OF) <= set(QUANTITIES)
+    assert all(name == row.name for name, row in QUANTITIES.items())
+    assert set(REFERENCES) <= set(QUANTITIES)
 
 
 def test_references_measure_what_they_are_compared_with() -> None:
-    for quantity, reference in REFERENCE_OF.items():
-        assert CHANNELS[reference].is_reference
-        assert CHANNELS[reference].unit == QUANTITIES[quantity].unit
-        assert CHANNELS[reference].sign == QUANTITIES[quantity].sign
+    for quantity, how in REFERENCES.items():
+        assert all(CHANNELS[name].is_reference for name in how.channels)
+        if quantity != "friction_used":
+            assert {CHANNELS[n].unit for n in how.channels} == {QUANTITIES[quantity].unit}
+            assert {CHANNELS[n].sign for n in how.channels} == {QUANTITIES[quantity].sign}
+        assert not is_bound(quantity)
+
+
+def test_truth_of_axles_and_cars_is_made_of_their_wheels() -> None:
+    given = {
+        f"ref_friction_{w}": np.array([v, np.nan]) for w, v in zip(WHEELS, (0.2, 0.8, 0.4, 0.6), strict=True)
+    }
+    given |= {f"ref_force_x_{w}": np.array([3.0, 0.0]) for w in WHEELS}
+    given |= {
+        f"ref_force_y_{w}": np.array([v, 0.0]) for w, v in zip(WHEELS, (1.0, 3.0, 5.0, 7.0), strict=True)
+    }
+    for quantity, value in (
+        ("friction_peak", 0.5),
+        ("friction_peak_front", 0.5),
+        ("friction_peak_left", 0.3),
+        ("friction_peak_rr", 0.6),
+        ("force_x_front", 6.0),
+        ("force_y_rear", 12.0),
+        ("force_y_fr", 3.0),
+    ):
+        truth = reference(quantity, given)
+        assert truth is not None
+        assert truth[0] == pytest.approx(value)
+        assert np.isnan(truth[1]) == quantity.startswith("friction")
+    assert reference("friction_used", given) is None
+    assert reference("altitude", given) is None
+    used = reference("friction_used", given | {f"ref_load_{w}": np.array([10.0, 0.0]) for w in WHEELS})
+    np.testing.assert_allclose(used, [0.5, 0.0])  # hypot(12, 16) / 40
 
 
 def test_each_wheel_has_its_channels() -> None:
@@ -85,6 +124,6 @@ def test_the_documentation_shows_the_tables_as_they_are() -> None:
     assert PAGE.read_text(encoding="utf-8") == channels_page(), (
         "docs/channels.md is out of date: write roadstate.core.documentation.channels_page() into it"
     )
-    for name in (*CHANNELS, *QUANTITIES):
+    for name in (*CHANNELS, *(q for q in QUANTITIES if not is_bound(q))):
         stem, _, wheel = name.rpartition("_")
         assert f"`{name}`" in channels_page() or (wheel in WHEELS and f"`{stem}_{{" in channels_page())

@@ -75,10 +75,10 @@ def test_the_still_figure(tmp_path: Path, log: Log, results: dict[str, Estimates
     assert blue[half:].sum() > 200
 
 
-def test_a_still_figure_needs_a_grade(tmp_path: Path, log: Log) -> None:
+def test_a_still_figure_needs_its_quantity(tmp_path: Path, log: Log) -> None:
     from roadstate.core import InputError
 
     speed = Estimates(log.time, {"speed": log["speed"]}, {}, np.zeros(len(log), np.int8))
-    with pytest.raises(InputError, match="no estimator gives a grade"):
+    with pytest.raises(InputError, match="no estimator gives 'grade' to draw"):
         static_figure(tmp_path / "a.png", log, {"x": speed})
     assert list(tmp_path.iterdir()) == []

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from threading import Event
 from typing import TYPE_CHECKING, Any
 
-from roadstate.core import REFERENCE_OF, Estimates, InputError, Log
+from roadstate.core import REFERENCES, Estimates, InputError, Log
 
 if TYPE_CHECKING:
     from roadstate.cli.logs import Source
@@ -126,10 +126,9 @@ def run_all(
 
 
 def _check_reference(log: Log) -> None:
-    wanted = set(REFERENCE_OF.values())
-    if not wanted & log.available:
+    if not any(log.available.issuperset(r.channels) for r in REFERENCES.values()):
         raise InputError(
-            f"no reference to compare with ({' or '.join(sorted(wanted))})",
+            "no reference to compare with (ref_grade, ref_velocity_x, ref_friction_* of a wheel …)",
             mend="map one under 'reference:' in the mapping file, or use 'roadstate estimate'",
         )
 

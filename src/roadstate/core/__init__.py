@@ -2,15 +2,16 @@
 
 from roadstate.core.channels import CHANNELS, WHEELS, Channel, channel
 from roadstate.core.errors import InputError
-from roadstate.core.estimates import QUANTITIES, REFERENCE_OF, Estimates, Validity
+from roadstate.core.estimates import Estimates, Validity
 from roadstate.core.joining import join
 from roadstate.core.log import Log
+from roadstate.core.quantities import QUANTITIES, REFERENCES, is_bound, reference
 from roadstate.core.signals import Recording, Signal
 
 __all__ = [
     "CHANNELS",
     "QUANTITIES",
-    "REFERENCE_OF",
+    "REFERENCES",
     "WHEELS",
     "Channel",
     "Estimates",
@@ -20,5 +21,7 @@ __all__ = [
     "Signal",
     "Validity",
     "channel",
+    "is_bound",
     "join",
+    "reference",
 ]

@@ -41,6 +41,7 @@ class Channel:
 _PLAIN = (
     Channel("time", "s", "time since the start of the log"),
     Channel("speed", "m/s", "speed of the car along its x axis", "forward; unsigned sensors stay positive"),
+    Channel("velocity_y", "m/s", "velocity of the centre of gravity along y", "to the left"),
     Channel("steer", "rad", "mean front road-wheel angle", "to the left"),
     Channel("steering_wheel", "rad", "steering-wheel angle", "to the left"),
     Channel("accel_x", "m/s^2", "IMU specific force along x (gravity included)", "forward"),
@@ -51,6 +52,7 @@ _PLAIN = (
     Channel("roll_rate", "rad/s", "rotation rate about x", "right side goes down"),
     Channel("pitch_rate", "rad/s", "rotation rate about y", "nose goes down"),
     Channel("yaw_rate", "rad/s", "rotation rate about z", "to the left"),
+    Channel("yaw_accel", "rad/s^2", "rate of change of the yaw rate", "to the left"),
     Channel("engine_torque", "N*m", "net torque of engine or motor at its shaft", "driving"),
     Channel("engine_speed", "rad/s", "speed of the engine's or motor's shaft", "running direction"),
     Channel(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from roadstate.core.channels import CHANNELS, WHEELS, Channel
-from roadstate.core.estimates import QUANTITIES, REFERENCE_OF
+from roadstate.core.quantities import QUANTITIES, is_bound
 
 _PAGE = """\
 # Channels and quantities
@@ -26,8 +26,14 @@ Truth to compare with; never read by an estimator.
 
 ## Quantities
 
-What estimators give, each with its standard deviation `<name>_std` in the same unit.
-{compared}
+What estimators give, each with its standard deviation `<name>_std` in the same unit. Every peak friction has
+its 5 % and 95 % bounds beside it, `<name>_lower` and `<name>_upper`: where the drive says little of it, they,
+and not the number between them, are the result.
+
+Where a log has references, `grade` is compared with `ref_grade`, `speed` with `ref_velocity_x`, `velocity_y`
+with `ref_velocity_y`, a peak friction with the mean of `ref_friction_*` of its wheels, a force with the sum
+of `ref_force_x_*` or `ref_force_y_*` of its wheels, and `friction_used` with the sum of the forces (as if all
+wheels stood in one direction) over the sum of `ref_load_*`.
 
 {quantities}
 """
@@ -52,11 +58,9 @@ def markdown_table(rows: Iterable[Channel]) -> str:
 
 def channels_page() -> str:
     """The text of ``docs/channels.md``."""
-    compared = ", ".join(f"`{name}` is compared with `{ref}`" for name, ref in REFERENCE_OF.items())
     return _PAGE.format(
         wheels=",".join(WHEELS),
         measured=markdown_table(c for c in CHANNELS.values() if not c.is_reference),
         references=markdown_table(c for c in CHANNELS.values() if c.is_reference),
-        quantities=markdown_table(QUANTITIES.values()),
-        compared=f"{compared[0].upper()}{compared[1:]}." if compared else "",
+        quantities=markdown_table(q for q in QUANTITIES.values() if not is_bound(q.name)),
     )

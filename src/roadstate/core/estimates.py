@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roadstate.core import tabular
-from roadstate.core.channels import CHANNELS, Channel, did_you_mean
+from roadstate.core.channels import CHANNELS, did_you_mean
 from roadstate.core.errors import InputError
+from roadstate.core.quantities import QUANTITIES
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -45,18 +46,6 @@ class Validity(IntEnum):
         return self.name.lower()
 
 
-_QUANTITY_ROWS = (
-    Channel("grade", "rad", "road grade angle", "uphill"),
-    Channel("speed", "m/s", "velocity of the centre of gravity along x", "forward"),
-    Channel("altitude", "m", "height of the car", "up"),
-    Channel("accel_x_bias", "m/s^2", "bias of the longitudinal accelerometer", "reads too high"),
-)
-QUANTITIES: dict[str, Channel] = {c.name: c for c in _QUANTITY_ROWS}
-"""Every quantity an estimator can give, with unit and sign."""
-
-REFERENCE_OF: dict[str, str] = {"grade": "ref_grade", "speed": "ref_velocity_x"}
-"""Which reference channel a quantity is compared with."""
-
 _SENSOR_UNITS = {c.unit for c in CHANNELS.values()}
 
 
@@ -67,7 +56,7 @@ class Estimates:
     Attributes:
         time: (T,) in s, the log's.
         values: quantity → (T,) in the quantity's SI unit.
-        std: quantity → (T,) standard deviation (1σ), same unit; all finite and positive.
+        std: quantity → (T,) standard deviation (1σ), same unit; all finite and positive. Bounds have none.
         validity: (T,) :class:`Validity` codes.
         sensors: names of the filter's sensors, in the order of ``innovation``'s columns.
         innovation: (T, m) z − ẑ; NaN where missing.

@@ -26,6 +26,7 @@ _RATE = Limit(10.0, ("deg/s",))
 _FORCE = Limit(1e5, ())
 LIMITS: dict[str, Limit] = {
     "speed": Limit(120.0, ("km/h", "cm/s", "mm/s")),
+    "velocity_y": Limit(40.0, ("km/h",)),
     "wheel_speed": Limit(250.0, ("km/h", "rpm", "deg/s")),
     "steer": Limit(1.5, ("deg",)),
     "steering_wheel": Limit(30.0, ("deg",)),
@@ -37,6 +38,7 @@ LIMITS: dict[str, Limit] = {
     "roll_rate": _RATE,
     "pitch_rate": _RATE,
     "yaw_rate": _RATE,
+    "yaw_accel": Limit(100.0, ("deg/s^2",)),
     "engine_torque": Limit(1e4),
     "engine_speed": Limit(2500.0, ("rpm",)),
     "gear_ratio": Limit(50.0),

@@ -21,7 +21,8 @@ from roadstate.consistency import (
     nis_test,
     whiteness,
 )
-from roadstate.core import REFERENCE_OF, Estimates, Log
+from roadstate.core import Estimates, Log
+from roadstate.core import reference as reference_of
 
 Array = NDArray[np.float64]
 
@@ -142,7 +143,7 @@ def error_consistency(estimates: Estimates, log: Log, quantity: str) -> ErrorCon
         log: may hold the reference.
         quantity: of the estimates.
     """
-    reference = log.channels.get(REFERENCE_OF.get(quantity, ""))
+    reference = reference_of(quantity, log.channels)
     if reference is None or quantity not in estimates.std:
         return None
     error, std = estimates.values[quantity] - reference, estimates.std[quantity]

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from itertools import cycle
 
 import numpy as np
 from numpy.typing import NDArray
 
-from roadstate.core import QUANTITIES, REFERENCE_OF, Estimates, Log, Validity
+from roadstate.core import QUANTITIES, WHEELS, Estimates, Log, Validity, is_bound
+from roadstate.core import reference as reference_of
 from roadstate.metrics import presented, presented_unit
 from roadstate.report import backend, style
 from roadstate.report.consistency import sensor_consistency, windowed_ratio
@@ -24,9 +25,17 @@ _STEEPEST = 1.4  # rad; a band is cut there, before its tangent runs away
 
 
 def quantities(results: Results) -> list[str]:
-    """The quantities that some estimator gives, grade first."""
+    """The quantities to show of those that some estimator gives, grade first.
+
+    Bounds are left to the bands, and a wheel's quantity where its axle's is there.
+    """
     given = {q for e in results.values() for q in e.values}
-    return [q for q in QUANTITIES if q in given]
+    return [q for q in QUANTITIES if q in given and not is_bound(q) and not _is_within_another(q, given)]
+
+
+def _is_within_another(quantity: str, given: Collection[str]) -> bool:
+    stem, _, wheel = quantity.rpartition("_")
+    return wheel in WHEELS and f"{stem}_{'front' if wheel[0] == 'f' else 'rear'}" in given
 
 
 def band(quantity: str, estimates: Estimates) -> tuple[Array, Array]:
@@ -41,7 +50,7 @@ def band(quantity: str, estimates: Estimates) -> tuple[Array, Array]:
 
 def quantity_panels(axes: TimeAxes, quantity: str, results: Results, log: Log) -> list[Panel]:
     """The estimates of one quantity with ±2σ over the reference, and their errors below."""
-    reference = log.channels.get(REFERENCE_OF.get(quantity, ""))
+    reference = reference_of(quantity, log.channels)
     truth = None if reference is None else presented(quantity, reference)
     unit = unit_label(presented_unit(quantity))
     traces, errors = [], []

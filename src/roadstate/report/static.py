@@ -1,4 +1,4 @@
-"""A still figure of the grade for documents."""
+"""A still figure of one quantity for documents."""
 
 from __future__ import annotations
 
@@ -9,37 +9,41 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from roadstate.core import REFERENCE_OF, Estimates, InputError, Log
+from roadstate.core import Estimates, InputError, Log
+from roadstate.core import reference as reference_of
 from roadstate.core.tabular import atomic_path
-from roadstate.metrics import check_time, presented
+from roadstate.metrics import check_time, presented, presented_unit
 from roadstate.report import backend, style
 from roadstate.report.downsample import envelope, select
 from roadstate.report.panels import band
-from roadstate.report.view import view_limits
+from roadstate.report.view import unit_label, view_limits
 
 Array = NDArray[np.float64]
 
 _POINTS = 4000
 
 
-def static_figure(path_png: str | Path, log: Log, results: Mapping[str, Estimates]) -> Path:
-    """Draw the grade estimates with ±2σ over the reference and, where there is one, their errors below.
+def static_figure(
+    path_png: str | Path, log: Log, results: Mapping[str, Estimates], quantity: str = "grade"
+) -> Path:
+    """Draw the estimates of a quantity with ±2σ over the reference and, if there is one, their errors below.
 
     Args:
         path_png: PNG file to write; it appears whole or not at all.
-        log: (T,) with ``ref_grade`` for the reference and the errors.
-        results: estimator name → estimates on the log's time base; those without a grade are left out.
+        log: (T,) with the references that the quantity has.
+        results: estimator name → estimates on the log's time base; those without the quantity are left out.
+        quantity: what to draw.
 
     Raises:
-        InputError: matplotlib is not installed, no result has a grade, or the time bases differ.
+        InputError: matplotlib is not installed, no result has the quantity, or the time bases differ.
     """
-    given = {name: e for name, e in results.items() if "grade" in e.values}
+    given = {name: e for name, e in results.items() if quantity in e.values}
     if not given:
-        raise InputError("no estimator gives a grade to draw", mend="choose one that does, such as kmbe")
+        raise InputError(f"no estimator gives '{quantity}' to draw", mend="choose one that does")
     for estimates in given.values():
         check_time(estimates, log)
-    reference = log.channels.get(REFERENCE_OF["grade"])
-    truth = presented("grade", reference) if reference is not None and np.isfinite(reference).any() else None
+    reference = reference_of(quantity, log.channels)
+    truth = presented(quantity, reference) if reference is not None and np.isfinite(reference).any() else None
     rows = 1 if truth is None else 2
     size = (9.0, 1.8 + 1.8 * rows)
     figure = backend.load("matplotlib.figure").Figure(figsize=size, dpi=150, layout="constrained")
@@ -50,17 +54,18 @@ def static_figure(path_png: str | Path, log: Log, results: Mapping[str, Estimate
         upper_panel.line(truth, style.REFERENCE, 1.8, "reference")
         axes[1].axhline(0, color="#7A7A7A", lw=0.8)
     for i, (name, estimates) in enumerate(given.items()):
-        color, values = style.estimator_color(i), presented("grade", estimates.values["grade"])
-        lower, upper = band("grade", estimates)
+        color, values = style.estimator_color(i), presented(quantity, estimates.values[quantity])
+        lower, upper = band(quantity, estimates)
         upper_panel.band(lower, upper, color)
         upper_panel.line(values, color, 1.2, f"{name} ± 2σ")
         if truth is not None:
             lower_panel.band(lower - values, upper - values, color)
             lower_panel.line(values - truth, color, 1.0)
-    upper_panel.finish("grade [%]")
+    unit, least = unit_label(presented_unit(quantity)), 0.5 if quantity == "grade" else 0.0
+    upper_panel.finish(f"{quantity.replace('_', ' ')} [{unit}]", least)
     axes[0].legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=4, frameon=False, borderaxespad=0.2)
     if truth is not None:
-        lower_panel.finish("error [%]")
+        lower_panel.finish(f"error [{unit}]", least)
     axes[-1].set_xlabel("time [s]")
     with atomic_path(path_png) as temporary:
         figure.savefig(temporary, format="png")
@@ -91,11 +96,11 @@ class _Drawing:
             self.axis.fill(xs[inside], ys[inside], color=color, alpha=0.18, lw=0)
         self.bands.append(y)
 
-    def finish(self, label: str) -> None:
+    def finish(self, label: str, least: float) -> None:
         lines, bands = np.concatenate(self.lines), np.concatenate(self.bands)
         lines, bands = lines[np.isfinite(lines)], bands[np.isfinite(bands)]
         if len(lines):
-            self.axis.set_ylim(*view_limits(lines, bands, at_least=0.5))
+            self.axis.set_ylim(*view_limits(lines, bands, at_least=least))
         self.axis.set_ylabel(label)
         self.axis.grid(color="#E4E4E4", lw=0.8)
         self.axis.set_axisbelow(True)

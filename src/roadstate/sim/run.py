@@ -177,6 +177,8 @@ def truth_table(driven: Drive) -> dict[str, Array]:
         **_named(("accel_x", "accel_y", "accel_z"), truth.specific_force.T),
         **_named(("roll_rate", "pitch_rate", "yaw_rate"), truth.angular_rate.T),
         **_named(("roll_accel", "pitch_accel", "yaw_accel"), truth.angular_accel.T),
+        "speed": truth.planar_velocity[:, 0],
+        "velocity_y": truth.planar_velocity[:, 1],
         "kinematic_accel_x": kinematic[0],
         "kinematic_accel_y": kinematic[1],
         **_named(("east", "north", "altitude"), truth.position.T),

@@ -16,6 +16,7 @@ _AccelerationDensity = Annotated[float, Quantity("m/s^2/Hz^0.5", 1e-6, 10)]
 _Acceleration = Annotated[float, Quantity("m/s^2", 0, 20)]
 _YawRateNoise = Annotated[float, Quantity("rad/s", 1e-6, 1)]
 _YawRateBias = Annotated[float, Quantity("rad/s", 0, 1)]
+_YawAccelerationNoise = Annotated[float, Quantity("rad/s^2", 1e-6, 100)]
 _WheelSpeedNoise = Annotated[float, Quantity("rad/s", 1e-6, 10)]
 _SpeedNoise = Annotated[float, Quantity("m/s", 1e-6, 50)]
 _TorqueNoise = Annotated[float, Quantity("N*m", 0, 1e5)]
@@ -67,6 +68,20 @@ class SpeedSensor(Section):
     """1σ of a sample, rounding included"""
 
 
+class LateralVelocitySensor(Section):
+    """The lateral velocity, where an optical sensor or an inertial navigation measures it."""
+
+    noise: _SpeedNoise = 0.05
+    """1σ of a sample"""
+
+
+class YawAccelerationSensor(Section):
+    """The rate of change of the yaw rate, where it is a signal of its own."""
+
+    noise: _YawAccelerationNoise = 0.1
+    """1σ of a sample"""
+
+
 class TorqueSensor(Section):
     """A torque the car reports."""
 
@@ -110,6 +125,10 @@ class Sensors(Section):
     """Wheel-speed sensors"""
     speed: SpeedSensor = SpeedSensor()
     """Speed signal"""
+    velocity_y: LateralVelocitySensor = LateralVelocitySensor()
+    """Lateral velocity"""
+    yaw_accel: YawAccelerationSensor = YawAccelerationSensor()
+    """Yaw acceleration"""
     engine_torque: TorqueSensor = TorqueSensor()
     """Engine's (or motor's) torque as the car reports it"""
     wheel_torque: WheelTorqueSensor = WheelTorqueSensor()

@@ -20,7 +20,7 @@ _BAR = 1e5
 
 def ideal() -> SensorSuite:
     """No errors; everything at 100 Hz, GNSS at 10 Hz."""
-    return SensorSuite(kinematic=Probe())
+    return SensorSuite(kinematic=Probe(), velocity=Probe(), yaw_accel=Probe())
 
 
 def paper() -> SensorSuite:
@@ -40,6 +40,8 @@ def paper() -> SensorSuite:
         engine_torque=Probe(noise=2.0),
         engine_speed=Probe(noise=0.5),
         kinematic=accel,
+        velocity=Probe(noise=0.02),
+        yaw_accel=Probe(noise=0.05),
         gnss=SatelliteReceiver(
             Probe(rate=10.0, noise=1.0), Probe(rate=10.0, noise=1.5), Probe(rate=10.0, noise=0.05)
         ),

@@ -33,6 +33,8 @@ CHANNELS_OF = {
     "gear_ratio": ("gear_ratio",),
     "brake": ("brake",),
     "kinematic": ("kinematic_accel_x", "kinematic_accel_y"),
+    "velocity": ("speed", "velocity_y"),
+    "yaw_accel": ("yaw_accel",),
 }
 """The channels that each of a suite's plain sensors reads."""
 
@@ -53,6 +55,9 @@ class SensorSuite:
         gear_ratio: as the gearbox reports it.
         brake: the pedal or its switch.
         kinematic: accelerations without gravity, as simulators print and no car measures.
+        velocity: velocity over ground along x and y, as an optical sensor gives; takes the place of
+            the receiver's speed.
+        yaw_accel: rate of change of the yaw rate, which simulators print and few cars measure.
         gnss: satellite receiver.
         barometer: height from air pressure, m; takes the place of the receiver's height.
     """
@@ -69,6 +74,8 @@ class SensorSuite:
     gear_ratio: Probe | None = field(default_factory=Probe)
     brake: Probe | None = field(default_factory=Probe)
     kinematic: Probe | None = None
+    velocity: Probe | None = None
+    yaw_accel: Probe | None = None
     gnss: SatelliteReceiver | None = field(default_factory=SatelliteReceiver)
     barometer: Probe | None = None
 
@@ -118,13 +125,13 @@ def measure(
         for name in (f"wheel_speed_{w}" for w in WHEELS):
             if name in table:
                 read[name] = suite.wheel_speed.read(time, table[name], generator(name))
+    if suite.gnss is not None and all(n in table for n in _PLACE):
+        read |= suite.gnss.read(table, generator)
     for sensor, names in CHANNELS_OF.items():
         plain: Probe | None = getattr(suite, sensor)
         for name in names:
             if plain is not None and name in table:
                 read[name] = plain.read(time, table[name], generator(name))
-    if suite.gnss is not None and all(n in table for n in _PLACE):
-        read |= suite.gnss.read(table, generator)
     if suite.barometer is not None and "altitude" in table:
         read["altitude"] = suite.barometer.read(time, table["altitude"], generator("barometer"))
     signals = {n: _signal(n, t, v, "simulated") for n, (t, v) in read.items()}
