@@ -285,9 +285,7 @@ class FrictionEstimator(Estimator[FrictionState]):
         lasting = jnp.where(is_rate, 0.0, jnp.sqrt(doubt[rows] * _ERROR_TIME / step))
         own = jnp.hypot(self.sensor_std, self.bias * jnp.sqrt(_BIAS_TIME / step))
         tire = _TIRE_SHARE * value[rows] * lasting
-        sqrt_R = tria(
-            jnp.concatenate([jnp.diag(jnp.hypot(own, tire)), slopes[rows] * lasting[:, None]], axis=1)
-        )
+        parts = [jnp.diag(jnp.hypot(own, tire)), slopes[rows] * lasting[:, None]]
         yaw = jnp.hypot(error[2], _TIRE_SHARE * value[2]) * jnp.sqrt(doubt[2] * _ERROR_TIME)
         return tria(jnp.concatenate(parts, axis=1)), jnp.hypot(_YAW_NOISE, yaw)
 
