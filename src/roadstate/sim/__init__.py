@@ -5,8 +5,9 @@ The names below are loaded when first used, so that importing this package does 
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from roadstate.lazy import lazily
 
 if TYPE_CHECKING:
     from roadstate.sim.drive import Truth, follow
@@ -44,8 +45,4 @@ __all__ = [
     "simulate",
 ]
 
-
-def __getattr__(name: str) -> Any:
-    if name not in _HOME:
-        raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
-    return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
+__getattr__ = lazily(__name__, _HOME)

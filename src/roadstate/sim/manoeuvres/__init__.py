@@ -5,7 +5,9 @@ from __future__ import annotations
 import importlib
 import pkgutil
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from roadstate.lazy import lazily
 
 if TYPE_CHECKING:
     from roadstate.sim.manoeuvres.base import KMH, Manoeuvre, ManoeuvreKind, Setting
@@ -69,7 +71,4 @@ def manoeuvre(name: str) -> ManoeuvreKind:
     return all_manoeuvres()[name]
 
 
-def __getattr__(name: str) -> Any:
-    if name not in _HOME:
-        raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
-    return getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
+__getattr__ = lazily(__name__, _HOME)
