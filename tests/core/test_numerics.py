@@ -113,6 +113,22 @@ def test_the_cache_lies_in_the_users_own(monkeypatch: pytest.MonkeyPatch) -> Non
     assert numerics._default_folder() == "/home/me/.cache/roadstate/jax"
 
 
+def test_a_compiled_loop_works_inside_other_transformations() -> None:
+    @numerics.jit_loop
+    def powers(x: jax.Array) -> jax.Array:
+        """1, x, x² …"""
+        return jax.lax.scan(lambda c, _: (c * x, c), jnp.ones_like(x), None, length=4)[1]
+
+    x = jnp.asarray([2.0, 3.0])
+    expected = np.asarray(x) ** np.arange(4)[:, None]
+    for call in (powers, jax.jit(powers), lambda a: jax.vmap(powers, out_axes=1)(a)):
+        np.testing.assert_allclose(call(x), expected)
+    slope = jax.grad(lambda a: powers(a)[3].sum())
+    for call in (slope, jax.jit(slope)):
+        np.testing.assert_allclose(call(x), 3 * np.asarray(x) ** 2)
+    assert powers.__doc__ == "1, x, x² …"
+
+
 def test_double_precision_is_the_default() -> None:
     assert jnp.zeros(1).dtype == jnp.float64
 

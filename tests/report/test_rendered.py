@@ -28,8 +28,8 @@ _QUIET = (
 )
 
 
-@pytest.fixture(scope="module")
-def browser() -> str:
+def find_browser() -> str:
+    """Chromium; skips the test where there is none."""
     names = ("chromium", "chromium-browser", "google-chrome", "chrome")
     found = next((p for p in map(shutil.which, names) if p), None)
     if found is None:
@@ -37,16 +37,22 @@ def browser() -> str:
     return found
 
 
+def console_of(browser: str, page: Path, folder: Path, *words: str) -> list[str]:
+    """What a page says on the browser's console while it is drawn."""
+    options = [*_QUIET, f"--user-data-dir={folder / 'profile'}", "--virtual-time-budget=20000", *words]
+    done = subprocess.run(
+        [browser, *options, page.as_uri()], capture_output=True, text=True, timeout=120, check=True
+    )
+    return re.findall(r"CONSOLE[^\n]*", done.stderr)
+
+
 def test_chromium_draws_every_figure_without_an_error(
-    browser: str, tmp_path: Path, log: Log, results: dict[str, Estimates]
+    tmp_path: Path, log: Log, results: dict[str, Estimates]
 ) -> None:
     page = write_report(tmp_path / "report.html", log, results, title="<b>$$title$$</b>")
     picture = tmp_path / "report.png"
-    options = [*_QUIET, f"--user-data-dir={tmp_path / 'profile'}", "--window-size=1400,3000"]
-    options += ["--virtual-time-budget=20000", f"--screenshot={picture}", page.as_uri()]
-    done = subprocess.run([browser, *options], capture_output=True, text=True, timeout=120, check=True)
-    console = re.findall(r"CONSOLE[^\n]*", done.stderr)
-    assert any("document idle" in line for line in console), done.stderr[-2000:]
+    console = console_of(find_browser(), page, tmp_path, "--window-size=1400,3000", f"--screenshot={picture}")
+    assert any("document idle" in line for line in console)
     wrong = [c for c in console if re.search(r"error|warn|refused|violat", c, re.IGNORECASE)]
     assert wrong == []
 

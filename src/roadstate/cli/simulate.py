@@ -11,7 +11,6 @@ from roadstate.cli import options
 
 if TYPE_CHECKING:
     from roadstate.sim.plant import Plant
-    from roadstate.sim.run import Drive
     from roadstate.vehicles import Vehicle
 
 _RATE = 200.0  # of the truth that the sensors sample, Hz
@@ -62,6 +61,17 @@ def simulate(
             help="The car that drives is off the vehicle file by this, as mass=10; may be repeated.",
         ),
     ] = None,
+    fault: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--fault",
+            metavar="KIND:CHANNEL[:START[:DURATION[:SIZE]]]",
+            help="dropout, stuck, spike, drift, sign or time_jump of sensors; may be repeated.",
+        ),
+    ] = None,
+    report: Annotated[
+        bool, typer.Option("--report", help="Draw the drive into an HTML page beside the log.")
+    ] = False,
     as_json: options.AsJson = False,
 ) -> None:
     """Drive a manoeuvre in simulation; write what sensors record.
@@ -70,11 +80,17 @@ def simulate(
     ref_grade …), ready for 'roadstate estimate' and 'roadstate compare'. The same seed gives the same log.
     """
     from roadstate.cli.console import console, print_json, table, text
+    from roadstate.cli.errors import require
+    from roadstate.cli.logs import stem
+    from roadstate.cli.outputs import staged
     from roadstate.cli.progress import working
+    from roadstate.cli.simulate_words import faults, percents
     from roadstate.core import InputError
     from roadstate.core.channels import did_you_mean
     from roadstate.core.numerics import use_compilation_cache
     from roadstate.io import write
+    from roadstate.io.formats import writer_of
+    from roadstate.sim.facts import drive_facts
     from roadstate.sim.manoeuvres import KMH
     from roadstate.sim.manoeuvres import manoeuvre as find
     from roadstate.sim.plant.mismatch import mismatched
@@ -87,7 +103,10 @@ def simulate(
         raise InputError(f"no plant is called '{plant}'", mend=did_you_mean(plant, _PLANTS))
     if tir is not None and plant != "multibody":
         raise InputError("--tir is for the multibody plant", mend="leave out --tir or --plant")
-    suite, car, off = sensor_preset(noise), load_vehicle(vehicle), _percents(mismatch or [])
+    if report:
+        require("bokeh")
+    writer_of(out)
+    suite, car, off = sensor_preset(noise), load_vehicle(vehicle), percents(mismatch or [])
     real = mismatched(car, **off)
     use_compilation_cache()
     given = None if speed is None else speed * KMH
@@ -96,16 +115,29 @@ def simulate(
         task = task.on(load_road(road))
         if friction is not None:
             task = task.with_friction(uniform(friction))
+    wrong = faults(fault or [], task.duration)
+    settings = {"vehicle": vehicle, "plant": plant, "noise": noise, "seed": seed, "mismatch": off}
+    page = f"{stem(out)}.html" if report else None
     with working() as work:
         work.begin(f"driving {manoeuvre}")
         driven = drive(_plant(plant, real, tir), task, car, rate=_RATE)
         work.begin("writing")
-        settings = {"vehicle": vehicle, "plant": plant, "noise": noise, "seed": seed, "mismatch": off}
-        log = to_log(record(driven, suite, seed=seed, metadata=settings))
-        write(log, out)
-    facts = _facts(driven)
+        recording = record(driven, suite, seed=seed, faults=wrong, metadata=settings)
+        log = to_log(recording)
+        with staged(out.parent) as folder:
+            write(log, folder / out.name)
+            if page is not None:
+                from roadstate.report.drive_page import write_drive_page
+
+                told = {"manoeuvre": manoeuvre, **settings, "faults": fault or "none"}
+                write_drive_page(folder / page, driven, settings=told)
+    facts = drive_facts(driven)
     if as_json:
-        print_json({"log": str(out), "manoeuvre": manoeuvre, **settings, "samples": len(log), **facts})
+        named = {} if page is None else {"report": str(out.parent / page)}
+        settings["faults"] = recording.metadata.get("faults", [])
+        print_json(
+            {"log": str(out), **named, "manoeuvre": manoeuvre, **settings, "samples": len(log), **facts}
+        )
         return
     screen = console()
     screen.print(text(f"{manoeuvre}: {task.description}"))
@@ -121,32 +153,10 @@ def simulate(
     screen.print(rows)
     screen.print(text("used: largest share of its friction that a wheel takes, for 0.1 s or longer."))
     screen.print(text(f"log: {out}"), soft_wrap=True)
+    if page is not None:
+        screen.print(text(f"report: {out.parent / page}"), soft_wrap=True)
     again = f"roadstate compare {out} --vehicle {vehicle}"
     screen.print(text(f"estimators on it: {again}"), soft_wrap=True)
-
-
-def _percents(given: list[str]) -> dict[str, float]:
-    from inspect import signature
-
-    from roadstate.core import InputError
-    from roadstate.core.channels import did_you_mean
-    from roadstate.sim.plant.mismatch import mismatched
-
-    known = list(signature(mismatched).parameters)[1:]
-    found = {}
-    for word in given:
-        name, _, percent = word.partition("=")
-        if name not in known:
-            raise InputError(
-                f"no figure is called '{name}'", where="--mismatch", mend=did_you_mean(name, known)
-            )
-        try:
-            found[name] = float(percent)
-        except ValueError as error:
-            raise InputError(
-                f"'{percent}' is no number", where="--mismatch", mend=f"write {name}=10 for 10 %"
-            ) from error
-    return found
 
 
 def _plant(name: str, car: Vehicle, tir: Path | None) -> Plant:
@@ -156,24 +166,3 @@ def _plant(name: str, car: Vehicle, tir: Path | None) -> Plant:
     if name == "multibody":
         return multibody_plant(car, tir=tir)
     return PlanarPlant.seven_dof(car) if name == "seven-dof" else PlanarPlant.three_dof(car)
-
-
-def _facts(driven: Drive) -> dict[str, float]:
-    """What a person wants to know of a drive, in SI."""
-    import numpy as np
-
-    truth = driven.truth
-    speed = np.linalg.norm(truth.velocity, axis=1)
-    load = np.asarray(truth.load)
-    used = np.hypot(truth.force_x, truth.force_y) / np.maximum(np.asarray(truth.friction) * load, 1.0)
-    used = np.where(load > 0.05 * load.mean(), used, 0.0)
-    lasting = np.lib.stride_tricks.sliding_window_view(used, round(0.1 * _RATE), axis=0).min(axis=-1)
-    return {
-        "duration": float(driven.time[-1]),
-        "distance": float(np.sum(speed[:-1] * np.diff(driven.time))),
-        "speed_least": float(speed.min()),
-        "speed_most": float(speed.max()),
-        "accel_x_most": float(np.abs(truth.specific_force[:, 0]).max()),
-        "accel_y_most": float(np.abs(truth.specific_force[:, 1]).max()),
-        "friction_used_most": float(min(lasting.max(), 1.0)),
-    }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping
-from functools import cache
+from functools import cache, wraps
 from pathlib import Path
 from typing import ParamSpec, TypeVar
 
@@ -44,8 +44,13 @@ def jit_loop(function: Callable[P, R], options: Options | None = None) -> Callab
         jitted: Callable[P, R] = eqx.filter_jit(function, compiler_options=known)  # type: ignore[call-overload]
         return jitted
 
+    within: Callable[P, R] = eqx.filter_jit(function)
+
+    @wraps(function)
     def call(*args: P.args, **kwargs: P.kwargs) -> R:
-        return compiled()(*args, **kwargs)
+        # inside another transformation, whose options hold and whose compiler refuses to be given more
+        is_inside = any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves((args, kwargs)))
+        return (within if is_inside else compiled())(*args, **kwargs)
 
     return call
 

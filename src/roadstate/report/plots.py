@@ -60,11 +60,7 @@ def xy_figure(curves: Sequence[Curve], x_label: str, y_label: str, *, height: in
     backend.place_tools(figure, models.WheelZoomTool())
     entries: dict[str, list[Any]] = {}
     for curve in curves:
-        with np.errstate(over="ignore"):  # infinity is not drawn
-            data = {"x": np.asarray(curve.x, np.float32), "y": np.asarray(curve.y, np.float32)}
-        style = {"line_color": curve.color, "line_dash": curve.dash, "line_width": curve.width}
-        line = figure.line("x", "y", source=backend.source(data), **style)
-        entries.setdefault(curve.label, []).append(line)
+        entries.setdefault(curve.label, []).append(draw_curve(figure, curve))
     for label, lines in entries.items():
         tips = [(plain(label), "@y{0.[000]} at @x{0.[000]}")]
         figure.add_tools(models.HoverTool(renderers=lines, tooltips=tips, visible=False))
@@ -75,3 +71,11 @@ def xy_figure(curves: Sequence[Curve], x_label: str, y_label: str, *, height: in
         zero = {"dimension": dimension, "line_color": "#B0B0B0", "line_width": 1, "level": "underlay"}
         figure.add_layout(models.Span(location=0.0, **zero))
     return figure
+
+
+def draw_curve(figure: Any, curve: Curve) -> Any:
+    """One curve as a line of a figure."""
+    with np.errstate(over="ignore"):  # infinity is not drawn
+        data = {"x": np.asarray(curve.x, np.float32), "y": np.asarray(curve.y, np.float32)}
+    style = {"line_color": curve.color, "line_dash": curve.dash, "line_width": curve.width}
+    return figure.line("x", "y", source=backend.source(data), **style)

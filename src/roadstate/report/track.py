@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,12 +14,13 @@ from roadstate.core import Estimates, Log
 from roadstate.metrics import presented
 from roadstate.report import backend, style
 from roadstate.report.downsample import select
-from roadstate.report.figures import Panel
+from roadstate.report.figures import Panel, plain
+from roadstate.report.plots import Curve, draw_curve
 
 Array = NDArray[np.float64]
 
 _EARTH_RADIUS = 6_371_008.8  # m, mean (IUGG)
-_HEIGHT = 460  # px
+_HEIGHT, _WIDEST = 460, 1500  # px
 
 
 def local_metres(latitude: Array, longitude: Array) -> tuple[Array, Array]:
@@ -53,21 +57,50 @@ def track_panel(log: Log, name: str, estimates: Estimates | None, points: int) -
     east, north = local_metres(latitude[fixes], longitude[fixes])
     time = log.time[fixes]
     grade = estimates.values.get("grade") if estimates is not None else None
-    slope = np.zeros(len(fixes)) if grade is None else presented("grade", grade[fixes])
-    chosen = select(time, np.nan_to_num(slope), points)
-    return _figure(
-        chosen.take(east), chosen.take(north), chosen.take(slope), time[chosen.index], name, grade is not None
-    )
+    slope = None if grade is None else presented("grade", grade[fixes])
+    chosen = select(time, np.zeros(len(fixes)) if slope is None else np.nan_to_num(slope), points)
+    shade = None if slope is None else Shade("grade", chosen.take(slope), "%", 0.5)
+    plot = map_figure(chosen.take(east), chosen.take(north), time[chosen.index], shade)
+    coloured = f", coloured by the grade [%] that {name} estimates"
+    return Panel("Track" + (coloured if shade else ""), plot)
 
 
-def _figure(east: Array, north: Array, slope: Array, time: Array, name: str, coloured: bool) -> Panel:
+@dataclass(frozen=True)
+class Shade:
+    """What colours a track: values about zero.
+
+    Attributes:
+        label: told with a value when one points at it.
+        values: (N,) in ``unit``, NaN where missing.
+        unit: of the values.
+        least: reach of the colours, at least.
+    """
+
+    label: str
+    values: Array
+    unit: str
+    least: float
+
+
+def map_figure(
+    east: Array, north: Array, time: Array, shade: Shade | None, *, beside: Sequence[Curve] = ()
+) -> Any:
+    """A track with its start and end, of equal scale on both axes.
+
+    Args:
+        east, north: (N,) m, NaN where the pen is lifted.
+        time: (N,) s.
+        shade: what colours it; one colour without.
+        beside: other lines on the map, m.
+    """
     models = backend.models()
-    # no wider than the track needs at equal scale, so that the map is not mostly empty
+    # no wider and no higher than the track needs at equal scale, so that the map is not mostly empty
     extent = [float(np.nanmax(v) - np.nanmin(v)) for v in (east, north)]
     width = 260 + (_HEIGHT - 110) * extent[0] / max(extent[1], 1.0)
+    height = 110 + (_WIDEST - 260) * 1.3 * extent[1] / max(extent[0], 1.0)
     plot = backend.load("bokeh.plotting").figure(
-        height=_HEIGHT,
-        max_width=int(min(max(width, 640), 1500)),
+        height=int(min(max(height, 230), _HEIGHT)),
+        max_width=int(min(max(width, 640), _WIDEST)),
         sizing_mode="stretch_width",
         match_aspect=True,
         tools="pan,box_zoom,reset,save",
@@ -78,26 +111,31 @@ def _figure(east: Array, north: Array, slope: Array, time: Array, name: str, col
         y_axis_label="north [m]",
     )
     backend.place_tools(plot, models.WheelZoomTool())
-    data = {k: v.astype(np.float32) for k, v in (("x", east), ("y", north), ("slope", slope), ("t", time))}
+    data = {k: v.astype(np.float32) for k, v in (("x", east), ("y", north), ("t", time))}
+    if shade is not None:
+        data["shade"] = shade.values.astype(np.float32)
     source = backend.source(data)
     plot.line("x", "y", source=source, line_color="#9A9A9A", line_width=1.5)
     tips = [("time", "@t{0.0} s"), ("east, north", "@x{0} m, @y{0} m")]
-    if coloured:
-        steep = float(np.nanpercentile(np.abs(slope), 99)) if np.isfinite(slope).any() else 1.0
-        mapper = models.LinearColorMapper(list(style.SLOPES), low=-max(steep, 0.5), high=max(steep, 0.5))
-        fill = {"field": "slope", "transform": mapper}
+    if shade is not None:
+        seen = np.abs(shade.values[np.isfinite(shade.values)])
+        reach = max(float(np.percentile(seen, 99)) if len(seen) else 0.0, shade.least)
+        mapper = models.LinearColorMapper(list(style.SLOPES), low=-reach, high=reach)
+        fill = {"field": "shade", "transform": mapper}
         dots = plot.scatter("x", "y", source=source, size=6, line_color=None, fill_color=fill)
         plot.add_layout(models.ColorBar(color_mapper=mapper, width=14), "right")
-        tips.insert(0, ("grade", "@slope{0.00} %"))
+        tips.insert(0, (shade.label, f"@shade{{0.00}} {shade.unit}"))
     else:
         dots = plot.scatter("x", "y", source=source, size=4, color=style.ESTIMATORS[0])
     plot.add_tools(models.HoverTool(renderers=[dots], tooltips=tips, visible=False))
-    seen = np.flatnonzero(np.isfinite(east))
-    look = {"size": 12, "fill_color": "#FFFFFF", "line_color": style.TEXT, "line_width": 2}
     items = []
-    for k, label, marker in ((seen[0], "start", "triangle"), (seen[-1], "end", "square")):
+    for curve in beside:
+        line = draw_curve(plot, curve)
+        items.append(models.LegendItem(label=plain(curve.label), renderers=[line]))
+    seen_at = np.flatnonzero(np.isfinite(east))
+    look = {"size": 12, "fill_color": "#FFFFFF", "line_color": style.TEXT, "line_width": 2}
+    for k, label, marker in ((seen_at[0], "start", "triangle"), (seen_at[-1], "end", "square")):
         place = plot.scatter([float(east[k])], [float(north[k])], marker=marker, **look)
         items.append(models.LegendItem(label=label, renderers=[place]))
     plot.add_layout(models.Legend(items=items, orientation="horizontal", location="top_left"), "above")
-    heading = f"Track, coloured by the grade [%] that {name} estimates" if coloured else "Track"
-    return Panel(heading, plot)
+    return plot

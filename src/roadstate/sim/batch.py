@@ -11,16 +11,19 @@ import jax.numpy as jnp
 import numpy as np
 
 from roadstate.core import InputError
+from roadstate.core.numerics import jit_loop
 from roadstate.sim.manoeuvres.base import Manoeuvre
 from roadstate.sim.manoeuvres.driver import Driver
 from roadstate.sim.plant.base import Controls, Plant
-from roadstate.sim.run import CHUNK, CONTROL_STEP, Drive, checked, common_driver, looks
+from roadstate.sim.run import CONTROL_STEP, Drive, checked, common_driver, looks
 
 if TYPE_CHECKING:
     from roadstate.vehicles import Vehicle
 
+_CHUNK = 100  # looks in one compiled loop: what is driven beyond the end is driven by all
 
-@eqx.filter_jit
+
+@jit_loop
 def _start(plants: Any, drivers: Any, axes: Any, places: Any) -> Any:
     def one(plant: Plant, driver: Driver, place: Any) -> Any:
         return plant.init(driver.road, *place), driver.init(), Controls.make()
@@ -28,10 +31,10 @@ def _start(plants: Any, drivers: Any, axes: Any, places: Any) -> Any:
     return eqx.filter_vmap(one, in_axes=(*axes, 0))(plants, drivers, places)
 
 
-@eqx.filter_jit
+@jit_loop
 def _roll(plants: Any, drivers: Any, axes: Any, carry: Any, first: Any) -> Any:
     def one(plant: Plant, driver: Driver, carry: Any) -> Any:
-        return looks(plant, driver, carry, first, 1)
+        return looks(plant, driver, carry, first, _CHUNK, 1)
 
     return eqx.filter_vmap(one, in_axes=(*axes, 0))(plants, drivers, carry)
 
@@ -65,15 +68,15 @@ def drive_many(plants: Sequence[Plant], manoeuvres: Sequence[Manoeuvre], vehicle
     carry = _start(shared_plants, shared_drivers, axes, places)
     rows = [round(m.duration / CONTROL_STEP) + 1 for m in chosen]
     chunks = []
-    for first in range(0, max(rows), CHUNK):
+    for first in range(0, max(rows), _CHUNK):
         carry, part = _roll(shared_plants, shared_drivers, axes, carry, jnp.asarray(first))
         chunks.append(jax.tree.map(np.asarray, part))
-    truth, controls = jax.tree.map(lambda *parts: np.concatenate(parts, axis=1), *chunks)
     drives = []
     for i, (m, length) in enumerate(zip(chosen, rows, strict=True)):
-        its_truth, its_controls = jax.tree.map(lambda a, i=i, n=length: a[i, :n], (truth, controls))
+        its = [jax.tree.map(lambda a, i=i: a[i], part) for part in chunks[: -(-length // _CHUNK)]]
+        truth, controls = jax.tree.map(lambda *parts, n=length: np.concatenate(parts)[:n], *its)
         time = np.arange(length) / round(1 / CONTROL_STEP)
-        drives.append(checked(time, its_truth, its_controls, m, vehicle))
+        drives.append(checked(time, truth, controls, m, vehicle))
     return drives
 
 
@@ -90,7 +93,7 @@ def _stacked(trees: Sequence[Any], what: str) -> tuple[Any, Any]:
     for column in zip(*leaves, strict=True):
         first = column[0]
         same = all(leaf is first or np.array_equal(leaf, first) for leaf in column[1:])
-        merged.append(first if same else jnp.stack([jnp.asarray(leaf) for leaf in column]))
+        merged.append(first if same else jnp.asarray(np.stack([np.asarray(leaf) for leaf in column])))
         axes.append(None if same else 0)
     structure = structures.pop()
     return jax.tree.unflatten(structure, merged), jax.tree.unflatten(structure, axes)

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import numpy as np
 from numpy.typing import NDArray
 
+from roadstate.core.numerics import jit_loop
 from roadstate.sim.driver import Command, Driver, DriverState
 from roadstate.sim.longitudinal import Motion
 from roadstate.sim.roads.grade import GradeProfile
@@ -66,7 +66,7 @@ class _Row(NamedTuple):
     command: Command
 
 
-@eqx.filter_jit
+@jit_loop
 def _run(driver: Driver, road: GradeProfile, target: Any, target_accel: Any) -> _Row:
     def substep(state: tuple[Motion, DriverState], plan: Any) -> tuple[Any, _Row]:
         motion, person = state

@@ -28,8 +28,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.floating[Any]]
 CONTROL_STEP = 0.01
 """Time between two looks of the driver, s."""
-CHUNK = 500
-"""Looks in one compiled loop."""
+_CHUNK = 250  # looks in one compiled loop
 
 
 @dataclass(frozen=True)
@@ -51,43 +50,36 @@ class Drive:
     vehicle: Vehicle
 
 
-def looks(plant: Plant, driver: Driver, carry: Any, first: Any, steps: int) -> Any:
+def looks(plant: Plant, driver: Driver, carry: Any, first: Any, count: int, steps: int) -> Any:
     """A chunk of the drive from look number ``first`` on: what to go on with, and its rows.
 
     Args:
         plant, driver: who drives what.
         carry: state of the plant, of the driver, and controls in force.
         first: number of the first look.
+        count: of looks.
         steps: rows per look.
     """
-    road, short = driver.road, CONTROL_STEP / steps
+    road = driver.road
 
-    def look(carry: Any, k: Any) -> tuple[Any, Any]:
+    # one loop over rows, in which the driver looks up now and then: the plant, which takes the compiler's
+    # time, stands in it once
+    def row(carry: Any, k: Any) -> tuple[Any, Any]:
         state, person, held = carry
         now = plant.truth(road, state, held)
-        person, controls = driver.controls(person, seen(road, now), k * CONTROL_STEP, CONTROL_STEP)
-        if steps == 1:
-            return (plant.step(road, state, controls, CONTROL_STEP), person, controls), (now, held)
+        t = (k // steps) * CONTROL_STEP
+        decided = driver.controls(person, seen(road, now), t, CONTROL_STEP)
+        is_look = k % steps == 0
+        person, controls = jax.tree.map(lambda a, b: jnp.where(is_look, a, b), decided, (person, held))
+        return (plant.step(road, state, controls, CONTROL_STEP / steps), person, controls), (now, held)
 
-        def part(state: Any, _: None) -> tuple[Any, Truth]:
-            after = plant.step(road, state, controls, short)
-            return after, plant.truth(road, after, controls)
-
-        state, later = jax.lax.scan(part, state, None, length=steps)
-        whole = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b[:-1]]), now, later)
-        moved = jax.tree.map(lambda a, b: jnp.stack([a] + [b] * (steps - 1)), held, controls)
-        return (state, person, controls), (whole, moved)
-
-    carry, rows = jax.lax.scan(look, carry, first + jnp.arange(CHUNK))
-    if steps > 1:
-        rows = jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:]), rows)
-    return carry, rows
+    return jax.lax.scan(row, carry, steps * first + jnp.arange(count * steps))
 
 
 _roll = jit_loop(looks)
 
 
-@eqx.filter_jit
+@jit_loop
 def _start(plant: Plant, road: Road, speed: Any, s: Any, d: Any) -> Any:
     return plant.init(road, speed, s, d)
 
@@ -95,28 +87,25 @@ def _start(plant: Plant, road: Road, speed: Any, s: Any, d: Any) -> Any:
 def common_driver(manoeuvre: Manoeuvre, vehicle: Vehicle) -> Driver:
     """The driver of a manoeuvre with tables of one length for most of them, so that they compile once.
 
-    What is added goes on as the tables do beyond their ends.
+    What is added goes on as the tables do beyond their ends. The tables are NumPy's.
     """
     driver = Driver.for_vehicle(manoeuvre, vehicle)
-    script, path, road = driver.script.table, driver.path.table, driver.road
-    script = _repeated(script, 16_384)
-    path = _repeated(path, 4096)
-    value, slope = road.line[-1].sum(axis=0), road.line[-1, 1] + 2 * road.line[-1, 2] + 3 * road.line[-1, 3]
-    slope = slope * jnp.asarray([1.0, 1.0, 0.0, 1.0, 0.0])
-    added = jnp.arange(_room(road.line.shape[0], 4096) - road.line.shape[0])[:, None]
-    none = jnp.zeros_like(slope + added)
-    more = jnp.stack([value + slope * added, slope + none, none, none], axis=1)
-    line = jnp.concatenate([road.line, more])
-    longer: Driver = eqx.tree_at(
-        lambda d: (d.script.table, d.path.table, d.road.line), driver, (script, path, line)
-    )
+    script, path = _repeated(driver.script.table, 16_384), _repeated(driver.path.table, 4096)
+    line = np.asarray(driver.road.line)
+    last = line[-1]
+    slope = (last[1] + 2 * last[2] + 3 * last[3]) * np.asarray([1.0, 1.0, 0.0, 1.0, 0.0], line.dtype)
+    added = np.arange(_room(len(line), 4096) - len(line), dtype=line.dtype)[:, None]
+    none = np.zeros_like(slope + added)
+    more = np.stack([last.sum(axis=0) + slope * added, slope + none, none, none], axis=1)
+    tables = (script, path, np.concatenate([line, more]))
+    longer: Driver = eqx.tree_at(lambda d: (d.script.table, d.path.table, d.road.line), driver, tables)
     return longer
 
 
-def _repeated(table: Any, least: int) -> Any:
+def _repeated(table: Any, least: int) -> Array:
     """A table whose last row is repeated until it has a common length."""
-    rows = table.shape[0]
-    return jnp.concatenate([table, jnp.repeat(table[-1:], _room(rows, least) - rows, axis=0)])
+    rows = np.asarray(table)
+    return np.concatenate([rows, np.repeat(rows[-1:], _room(len(rows), least) - len(rows), axis=0)])
 
 
 def _room(rows: int, least: int) -> int:
@@ -138,13 +127,13 @@ def drive(plant: Plant, manoeuvre: Manoeuvre, vehicle: Vehicle, *, rate: float =
     steps = round(rate * CONTROL_STEP)
     if not 1 <= steps <= 100 or abs(steps / CONTROL_STEP - rate) > 1e-6:
         raise InputError(f"a rate of {rate:g} Hz", mend="choose a multiple of 100 Hz, up to 10 kHz")
-    driver = common_driver(manoeuvre, vehicle)
+    driver = jax.tree.map(jnp.asarray, common_driver(manoeuvre, vehicle))
     place = (manoeuvre.speed, manoeuvre.s, manoeuvre.d)
     state = _start(plant, driver.road, *(jnp.asarray(v) for v in place))
     carry, chunks = (state, driver.init(), Controls.make()), []
     count = round(manoeuvre.duration / CONTROL_STEP) + 1
-    for first in range(0, count, CHUNK):
-        carry, rows = _roll(plant, driver, carry, jnp.asarray(first), steps)
+    for first in range(0, count, _CHUNK):
+        carry, rows = _roll(plant, driver, carry, jnp.asarray(first), _CHUNK, steps)
         chunks.append(jax.tree.map(np.asarray, rows))
     truth, controls = jax.tree.map(lambda *parts: np.concatenate(parts)[: count * steps], *chunks)
     return checked(np.arange(len(truth.position)) / rate, truth, controls, manoeuvre, vehicle)

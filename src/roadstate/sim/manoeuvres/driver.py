@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from roadstate.core.constants import GRAVITY
@@ -141,7 +142,9 @@ class Driver(eqx.Module):
             vehicle.tires.slip_stiffness,
         )
         parts = manoeuvre.road, manoeuvre.path, manoeuvre.script
-        return cls(*parts, *(jnp.asarray(v, jnp.result_type(float)) for v in figures))
+        # NumPy's: hundreds of drivers are made at once
+        leaves: list[Any] = [np.asarray(v, jnp.result_type(float)) for v in figures]
+        return cls(*parts, *leaves)
 
     def init(self) -> DriverState:
         """Hands straight, feet off the pedals."""

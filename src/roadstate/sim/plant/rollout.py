@@ -4,20 +4,20 @@ from __future__ import annotations
 
 from typing import Any
 
-import equinox as eqx
 import jax
 from jaxtyping import ArrayLike
 
+from roadstate.core.numerics import jit_loop
 from roadstate.sim.plant.base import Controls, Plant, Road, Truth
 
 
-@eqx.filter_jit
+@jit_loop
 def start(plant: Plant, road: Road, speed: ArrayLike, s: ArrayLike = 0.0, d: ArrayLike = 0.0) -> Any:
     """:meth:`roadstate.sim.plant.base.Plant.init`, compiled."""
     return plant.init(road, speed, s, d)
 
 
-@eqx.filter_jit
+@jit_loop
 def open_loop(
     plant: Plant, road: Road, state: Any, controls: Controls, dt: float = 0.01
 ) -> tuple[Any, Truth]:
