@@ -64,6 +64,10 @@ def case(request: pytest.FixtureRequest, vehicle: Vehicle, drive: Log) -> Case:
     return Case(estimator, log, scan(estimator, log))
 
 
+# what takes a program of its own to compile is asked of the one that reads all channels
+all_channels = pytest.mark.parametrize("case", [f"{name}-all" for name in ESTIMATORS], indirect=True)
+
+
 def same(a: Estimates, b: Estimates, tolerance: float = 0.0) -> None:
     for x, y in zip(jax.tree.leaves(parts(a)), jax.tree.leaves(parts(b)), strict=True):
         if tolerance:
@@ -305,6 +309,7 @@ def test_the_counter_of_compilations_counts(compilations: list[str]) -> None:
     assert any(message.startswith("Compiling") for message in compilations)
 
 
+@all_channels
 def test_cars_and_logs_form_a_batch(case: Case, vehicle: Vehicle) -> None:
     """Parameters are leaves: two cars on two logs in one vectorised run are the two runs by themselves."""
     heavier = build(
@@ -337,6 +342,7 @@ def test_cars_and_logs_form_a_batch(case: Case, vehicle: Vehicle) -> None:
                 np.testing.assert_allclose(got[name][i], expected[name][:count], rtol=1e-8, atol=1e-9)
 
 
+@all_channels
 def test_derivatives_are_finite(case: Case) -> None:
     """Along 50 steps, the first of no time, some of no sample: by every parameter and by the state."""
 
@@ -361,6 +367,7 @@ def test_derivatives_are_finite(case: Case) -> None:
     assert size > 0
 
 
+@all_channels
 def test_single_precision(case: Case, vehicle: Vehicle) -> None:
     with jax.enable_x64(False):
         estimator = build(case.estimator.name, vehicle, case.estimator.channels)

@@ -11,6 +11,7 @@ from roadstate.cli.compare import compare
 from roadstate.cli.demo import demo
 from roadstate.cli.estimate import estimate
 from roadstate.cli.listings import estimators, manoeuvres, vehicles
+from roadstate.cli.papers import papers
 from roadstate.cli.simulate import simulate
 from roadstate.cli.tire import tire
 
@@ -21,7 +22,7 @@ app = typer.Typer(
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 80},
 )
-for function in (demo, channels, estimate, compare, simulate, tire, estimators, manoeuvres, vehicles):
+for function in (demo, channels, estimate, compare, simulate, tire, papers, estimators, manoeuvres, vehicles):
     app.command()(function)
 
 

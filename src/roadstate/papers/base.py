@@ -15,7 +15,7 @@ from roadstate.sim.plant.base import Plant
 from roadstate.sim.sensors import SensorSuite
 from roadstate.vehicles import Vehicle
 
-PLANTS = ("matched", "full", "full-mismatched")
+MATCHED, FULL, MISMATCHED = PLANTS = ("matched", "full", "full-mismatched")
 """The estimator's own model; the reference plant; that with production sensors and figures that are off."""
 
 Build = Callable[[Vehicle, Collection[str]], Estimator[Any]]
@@ -23,6 +23,8 @@ Build = Callable[[Vehicle, Collection[str]], Estimator[Any]]
 Measure = Callable[[Estimates, Log], float]
 """One figure of one run, in the unit of its cell."""
 Variant = Literal["as_printed", "best"]
+VARIANTS: tuple[Variant, ...] = ("as_printed", "best")
+"""Fields of :class:`Method`: the paper's own settings, our best ones."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +60,7 @@ class Method:
 
 @dataclass(frozen=True)
 class Cell:
-    """One number of a table.
+    """One number of a table: an error, or another number that is the better the smaller it is.
 
     Attributes:
         table, row, column: where it stands.
@@ -110,7 +112,7 @@ class Paper:
         name: on the command line.
         title: authors, year and subject in one line.
         conditions, methods, cells, figures: see their classes.
-        page: its page in the documentation.
+        page: its page in the documentation, from the repository's root: ``docs/papers/NAME.md``.
     """
 
     name: str

@@ -82,11 +82,11 @@ def inputs(estimator: Estimator[Any], log: Log) -> tuple[NDArray[np.float64], ND
 
 
 def cut(
-    samples: NDArray[np.float64], dt: NDArray[np.float64], begin: int
+    samples: NDArray[np.float64], dt: NDArray[np.float64], begin: int, length: int = CHUNK
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The chunk from row ``begin``, filled up with missing samples that take no time."""
-    part, steps = samples[begin : begin + CHUNK], dt[begin : begin + CHUNK]
-    pad = CHUNK - len(part)
+    """``length`` rows from row ``begin`` on, filled up with missing samples that take no time."""
+    part, steps = samples[begin : begin + length], dt[begin : begin + length]
+    pad = length - len(part)
     return np.pad(part, ((0, pad), (0, 0)), constant_values=np.nan), np.pad(steps, (0, pad))
 
 
