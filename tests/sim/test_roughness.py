@@ -65,7 +65,7 @@ def test_slopes_at_the_knots_are_those_of_the_waves() -> None:
     knots = np.asarray(surface.knots)
     spectrum = np.fft.rfft(knots[:, 0, 0])
     derivative = np.fft.irfft(spectrum * 2j * np.pi * np.arange(len(spectrum)) / 200.0, len(knots))
-    assert knots[:, 0, 1] / 0.05 == pytest.approx(derivative, abs=1e-9)
+    assert knots[:, 0, 2] / 0.05 == pytest.approx(derivative, abs=1e-9)
 
 
 def test_surface_repeats_without_a_step() -> None:
@@ -88,3 +88,53 @@ def test_same_seed_same_bits_another_seed_another_road() -> None:
 def test_sizes_that_cannot_be_are_refused(length: float, width: float) -> None:
     with pytest.raises(InputError, match="rough surface"):
         rough_surface("A", 0, length, width)
+
+
+def test_slopes_are_continuous_across_lines_and_rows_and_at_the_sides() -> None:
+    surface = rough_surface("C", 4, 100.0, 2.0)
+    s = np.linspace(0.013, 99.0, 300)
+    tiny = 1e-9
+    jumps = []
+    for line in np.arange(-1.0, 1.01, 0.25):
+        near, far = (surface.at(s, np.full(300, line + side * tiny)) for side in (-1, 1))
+        for a, b in zip(near, far, strict=True):
+            jumps.append(np.abs(np.asarray(a) - np.asarray(b)).max())
+    rows = 0.05 * np.arange(1, 300)
+    d = np.full(299, 0.09)
+    for a, b in zip(surface.at(rows - tiny, d), surface.at(rows + tiny, d), strict=True):
+        jumps.append(np.abs(np.asarray(a) - np.asarray(b)).max())
+    assert max(jumps) < 1e-6
+    # which is not because there is nothing that could jump
+    tilt = np.asarray(surface.at(s, np.full(300, 0.1))[2])
+    assert np.sqrt(np.mean(tilt**2)) > 0.01
+
+
+def test_slopes_are_the_derivatives_of_the_height() -> None:
+    surface = rough_surface("D", 6, 100.0, 3.0)
+    rng = np.random.default_rng(2)
+    s, d, h = rng.uniform(0, 100, 500), rng.uniform(-1.7, 1.7, 500), 1e-6
+    _, along, across = (np.asarray(a) for a in surface.at(s, d))
+    by_s = (np.asarray(surface.at(s + h, d)[0]) - np.asarray(surface.at(s - h, d)[0])) / (2 * h)
+    by_d = (np.asarray(surface.at(s, d + h)[0]) - np.asarray(surface.at(s, d - h)[0])) / (2 * h)
+    assert along == pytest.approx(by_s, abs=1e-5)
+    assert across == pytest.approx(by_d, abs=1e-5)
+    assert np.abs(across[np.abs(d) > 1.5]).max() == 0
+
+
+def test_spectrum_between_the_lines_is_nearly_that_on_them() -> None:
+    """Halfway between two lines waves over 2 m lose less than 10 % of their power, over 1 m under 25 %."""
+    s = 0.1 * np.arange(2000)
+    ratios = []
+    for seed in range(12):
+        surface = rough_surface("B", seed, 200.0, 1.5)
+        on, between = (
+            np.abs(np.fft.rfft(np.asarray(surface.at(s, np.full(2000, d))[0]))) ** 2 for d in (0.0, 0.125)
+        )
+        ratios.append([on, between])
+    n = np.arange(1001) / 200.0
+    on, between = np.mean(ratios, axis=0)
+    for low, high, least in ((0.05, 0.5, 0.9), (0.5, 1.0, 0.75)):
+        band = (n >= low) & (n < high)
+        weight = n[band] ** 2  # so that each frequency counts alike
+        ratio = np.sum(weight * between[band]) / np.sum(weight * on[band])
+        assert least < ratio < 1.1

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import ArrayLike
 
 from roadstate.tires.base import Fit, TireForce, TireModel, as_leaf, parameter
-from roadstate.tires.mf_combined import Combined, on_ellipse, weighted
+from roadstate.tires.mf_combined import Combined, highest, on_ellipse, weighted, within_circle
 from roadstate.tires.mf_moment import TireMoments, aligning, overturning, rolling
 from roadstate.tires.mf_pure import Operating, Pure, lateral, longitudinal, operate
 from roadstate.tires.slip import travel_direction
@@ -69,6 +69,8 @@ class MagicFormula(TireModel):
             carcass stiffness.
         mirrored: the tire is mounted on the other side than it was measured on.
         stiffness_follows_friction: scale the slip stiffness along with friction.
+        bounded: keep the force within the pure peaks, whatever camber and shifts add
+            (:func:`roadstate.tires.mf_combined.within_circle`); beyond the standard.
     """
 
     name = "magic_formula"
@@ -85,6 +87,7 @@ class MagicFormula(TireModel):
     relaxation: Relaxation = eqx.field(default="none", static=True)
     mirrored: bool = eqx.field(default=False, static=True)
     stiffness_follows_friction: bool = eqx.field(default=False, static=True)
+    bounded: bool = eqx.field(default=False, static=True)
 
     @classmethod
     def default(cls) -> Self:
@@ -260,12 +263,9 @@ class MagicFormula(TireModel):
         if self.stiffness_follows_friction:
             x, y = _scale_stiffness(x, o.friction_x), _scale_stiffness(y, o.friction_y)
         combined = weighted(c, o, x, y) if self.combination == "weighting" else on_ellipse(o, x, y, is_61)
+        if self.bounded:
+            combined = within_circle(o, x, y, combined)
         return _Evaluation(o, x, y, combined, direction)
-
-
-def highest(C: ArrayLike) -> Numbers:
-    """The most that sin(C arctan ·) reaches: 1, or sin(Cπ/2) where C < 1."""
-    return jnp.sin(jnp.minimum(C, 1.0) * (jnp.pi / 2))
 
 
 def _quadratic(x: Numbers, a: Numbers, b: Numbers) -> Numbers:

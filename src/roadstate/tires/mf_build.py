@@ -9,8 +9,9 @@ import numpy as np
 
 from roadstate.core import InputError
 from roadstate.tires.base import as_leaf
-from roadstate.tires.magic_formula import Combination, Form, MagicFormula, Relaxation, highest
+from roadstate.tires.magic_formula import Combination, Form, MagicFormula, Relaxation
 from roadstate.tires.mf_coefficients import ALIASES, ASYMMETRIC, DEFAULTS, MANDATORY
+from roadstate.tires.mf_combined import highest
 from roadstate.tires.tir import TirFile, read_tir
 
 PASSENGER = Path(__file__).parent / "passenger_205_60r15.tir"
@@ -43,6 +44,7 @@ def load_tir(
     side: Literal["left", "right"] | None = None,
     combination: Combination | None = None,
     stiffness_follows_friction: bool = False,
+    bounded: bool = False,
 ) -> MagicFormula:
     """Read a ``.tir`` file as a tire: MF 6.x (FITTYP 60–62), MF 5.x (5, 6, 21, 51, 52) or PAC2002.
 
@@ -58,6 +60,7 @@ def load_tir(
         combination: how pure slips combine; by default the weighting functions, or the friction ellipse where
             the file asks for it (FE_METHOD) or has no coefficients to weight with.
         stiffness_follows_friction: scale the slip stiffness with friction; real tires' hardly does.
+        bounded: keep the force within the pure peaks, whatever camber and shifts add.
 
     Raises:
         InputError: as :func:`roadstate.tires.tir.read_tir`; another kind of tire model; a coefficient is
@@ -87,6 +90,7 @@ def load_tir(
         relaxation=_relaxation(numbers),
         mirrored=side is not None and measured in {"LEFT", "RIGHT"} and measured != side.upper(),
         stiffness_follows_friction=stiffness_follows_friction,
+        bounded=bounded,
     )
     _try(tire, file)
     return tire

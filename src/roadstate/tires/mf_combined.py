@@ -5,12 +5,15 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import jax.numpy as jnp
+from jaxtyping import ArrayLike
 
-from roadstate.tires.mf_pure import Coefficients, Operating, Pure, bent
-from roadstate.tires.smooth import Numbers, bounded_tan
+from roadstate.tires.mf_pure import LOWEST_FRICTION, Coefficients, Operating, Pure, bent
+from roadstate.tires.smooth import Numbers, bounded_tan, safe_hypot
 
 # Slip under which a force over its slip is taken as its slope at zero.
 _TINY_SLIP = 1e-4
+# Share of the peaks up to which a bounded force is unchanged.
+_KNEE = 0.97
 
 
 class Combined(NamedTuple):
@@ -54,6 +57,29 @@ def on_ellipse(o: Operating, x: Pure, y: Pure, is_61: bool) -> Combined:
     weight_x = y.D / jnp.sqrt(_positive(y.D**2 + (secant_x * tangent) ** 2))
     weight_y = x.D / jnp.sqrt(_positive(x.D**2 + (secant_y * x.x) ** 2))
     return Combined(weight_x * x.force(), weight_y * y.force(), weight_y)
+
+
+def within_circle(o: Operating, x: Pure, y: Pure, combined: Combined) -> Combined:
+    """The combined force kept within the ellipse of both pure peaks, without their vertical shifts.
+
+    Camber thrust, ply steer and conicity hardly fall with friction in the standard's formulas (λ'_μ of 4.E8
+    is 0.53 where λ_μ is 0.1), and cosine weighting knows no bound: on ice the sum would exceed what the road
+    has.
+    Up to 97 % of the peaks the force stays as it is; beyond, it approaches them, its direction kept.
+    """
+    least = LOWEST_FRICTION * o.load
+    peak_x, peak_y = (jnp.maximum(jnp.abs(p.D) * highest(p.C), least) for p in (x, y))
+    used = safe_hypot(combined.F_x / peak_x, combined.F_y / peak_y)
+    rest = 1 - _KNEE
+    kept = _KNEE + rest * jnp.tanh(jnp.maximum(used - _KNEE, 0) / rest)
+    share = kept / jnp.maximum(used, _KNEE)
+    share = jnp.where(used > _KNEE, share, 1.0)
+    return Combined(share * combined.F_x, share * combined.F_y, combined.weight_y)
+
+
+def highest(C: ArrayLike) -> Numbers:
+    """The most that sin(C arctan ·) reaches: 1, or sin(Cπ/2) where C < 1."""
+    return jnp.sin(jnp.minimum(C, 1.0) * (jnp.pi / 2))
 
 
 def _cos_arctan(x: Numbers) -> Numbers:

@@ -63,17 +63,17 @@ def test_energy(name: str) -> None:
         assert flow[name].min() > -1e-3 * np.abs(lost).max(), name
 
 
-@pytest.mark.parametrize("name", ["family-car", "in-wheel-ev"])
+@pytest.mark.parametrize("name", ["family-car", "in-wheel-ev", "truck"])
 def test_momentum(name: str) -> None:
     """Second differences of the masses' places against the forces: nothing of Kane's equations is used."""
     plant = multibody_plant(load_vehicle(name))
     motion, now, _ = jax.tree.map(np.asarray, hard_drive(plant))
     chassis = jax.tree.map(np.asarray, plant.chassis)
     R = np.asarray(jax.vmap(rotation)(motion.attitude))
-    centres = chassis.places[:, 1:] + chassis.path * motion.travel[:, None, :]
+    centres = np.asarray(jax.vmap(plant.chassis.wheel_centres)(motion.travel))
     sprung = np.broadcast_to(chassis.places[:, :1], (len(R), 3, 1))
     places = motion.position[:, :, None] + R @ np.concatenate([sprung, centres], axis=2)
-    force = np.einsum("tij,tjw->tiw", R, now.contact.force)
+    force = np.einsum("tij,tjw->tiw", R, now.wheel_force)
     drag = np.einsum("tij,tj->ti", R, now.drag)
     weight = np.array([0, 0, -GRAVITY])
 
@@ -89,13 +89,13 @@ def test_momentum(name: str) -> None:
     assert np.median(np.abs(difference)) < 0.001 * scale
 
     # angular momentum about the CG's own place at each instant
-    axis = now.frame.axis
+    axis = now.frame.axis[:, :, [plant.tires.wheel.index(i) for i in range(4)]]
     spun = np.einsum("tij,tjw->ti", R, axis * (chassis.spin_inertia * motion.spin)[:, None, :])
     body = np.einsum("tij,jk,tk->ti", R, chassis.inertia, motion.rate)
     own = (body + spun)[2 * n :] - (body + spun)[: -2 * n]
     arms = places[n:-n] - motion.position[n:-n, :, None]
     orbit = np.einsum("k,tki->ti", chassis.masses, np.cross(arms.swapaxes(1, 2), accel.swapaxes(1, 2)))
-    moment = np.einsum("tij,tjw->tiw", R, now.contact.moment)[n:-n].sum(axis=2)
+    moment = np.einsum("tij,tjw->tiw", R, now.wheel_moment)[n:-n].sum(axis=2)
     hubs = arms[:, :, 1:].swapaxes(1, 2)
     moment = moment + np.cross(hubs, force[n:-n].swapaxes(1, 2)).sum(axis=1)
     moment = moment + np.einsum("tij,tj->ti", R, now.drag_torque)[n:-n]
@@ -106,9 +106,10 @@ def test_momentum(name: str) -> None:
     assert np.median(np.abs(residual)) < 0.001 * scale
 
 
-def test_the_equations_of_motion_against_naive_ones() -> None:
-    """Mν̇ = Q − JᵀWb − (0, ω × Iω, 0), formed naively, mass by mass."""
-    chassis = multibody_plant(load_vehicle("suv")).chassis
+@pytest.mark.parametrize("name", ["suv", "truck"])
+def test_the_equations_of_motion_against_naive_ones(name: str) -> None:
+    """Mν̇ = Q − JᵀWb − (0, ω × Iω, 0), formed naively, mass by mass; the truck's axles are rigid."""
+    chassis = multibody_plant(load_vehicle(name)).chassis
     rng = np.random.default_rng(3)
     velocity, rate, gravity = rng.normal(size=3), rng.normal(size=3), 9.81 * rng.normal(size=3)
     travel, travel_rate = 0.05 * rng.normal(size=4), rng.normal(size=4)
@@ -120,7 +121,8 @@ def test_the_equations_of_motion_against_naive_ones() -> None:
     )
 
     masses, inertia = np.asarray(chassis.masses), np.asarray(chassis.inertia)
-    path, turn = np.asarray(chassis.path), np.asarray(chassis.carrier_turn)
+    # (3, 4 wheels, 4 travels)
+    path, turn = (np.asarray(jax.jacobian(f)(jnp.zeros(4))) for f in (chassis.moved, chassis.turned))
     places = np.concatenate([np.asarray(chassis.places)[:, :1], centres], axis=1)
     M, Q = np.zeros((10, 10)), np.zeros(10)
     M[3:6, 3:6] = inertia
@@ -132,10 +134,10 @@ def test_the_equations_of_motion_against_naive_ones() -> None:
         J[:, 3:6] = np.stack([np.cross(e, p) for e in np.eye(3)], axis=1)
         slide = np.zeros(3)
         if k:
-            J[:, 5 + k] = path[:, k - 1]
-            slide = path[:, k - 1] * travel_rate[k - 1]
+            J[:, 6:] = path[:, k - 1]
+            slide = path[:, k - 1] @ travel_rate
             W = np.zeros((3, 10))
-            W[:, 3:6], W[:, 5 + k] = np.eye(3), turn[:, k - 1]
+            W[:, 3:6], W[:, 6:] = np.eye(3), turn[:, k - 1]
             Q += J.T @ force[:, k - 1] + W.T @ torque[:, k - 1]
             Q[5 + k] += along[k - 1]
         b = np.cross(rate, velocity) + np.cross(rate, np.cross(rate, p)) + 2 * np.cross(rate, slide) - gravity

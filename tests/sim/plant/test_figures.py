@@ -9,9 +9,10 @@ import pytest
 
 from roadstate.core import InputError
 from roadstate.sim.plant import PlantFigures, load_plant_figures, multibody_plant
+from roadstate.sim.plant.figures import TireFigures
 from roadstate.sim.plant.mismatch import mismatched
-from roadstate.sim.plant.tire_figures import plant_tire
-from roadstate.tires.mf_build import PASSENGER
+from roadstate.sim.plant.tire_figures import TRUCK, plant_tire
+from roadstate.tires.mf_build import PASSENGER, load_tir
 from roadstate.vehicles import load_vehicle
 
 _CAR = load_vehicle("family-car")
@@ -68,7 +69,7 @@ def test_mismatch_on_purpose() -> None:
     plant = multibody_plant(other)
     assert float(plant.chassis.mass) == pytest.approx(1.1 * _CAR.mass)
     rear = other.static_axle_loads[1] / 2
-    assert float(plant.tires.model.stiffnesses(rear)[1]) / rear == pytest.approx(
+    assert float(plant_tire(other).stiffnesses(rear)[1]) / rear == pytest.approx(
         1.2 * _CAR.tires.cornering_stiffness_rear
     )
     assert mismatched(_CAR) == _CAR
@@ -89,6 +90,82 @@ def test_a_tire_as_measured_and_the_two_ways_of_friction() -> None:
         float(np.max(kept.forces(0.0, np.linspace(0, 1, 2000), 3900.0, mu, 20.0).F_y)) for mu in (0.4, 0.8)
     ]
     assert peak[1] / peak[0] == pytest.approx(2, rel=0.02)
+
+
+def without_relaxation(path: Path, extra: str = "") -> Path:
+    """The passenger tire without what relaxation lengths come from."""
+    dropped = ("PTX", "PTY", "LONGITUDINAL_STIFFNESS", "LATERAL_STIFFNESS")
+    lines = [a for a in PASSENGER.read_text().splitlines() if not a.strip().startswith(dropped)]
+    path.write_text("\n".join(lines) + f"\n[STRUCTURAL]\n{extra}\n")
+    return path
+
+
+def test_a_property_file_without_relaxation_lengths(tmp_path: Path) -> None:
+    mean = _CAR.mass * 9.80665 / 4
+    plain = _CAR.model_copy(
+        update={"tires": _CAR.tires.model_construct(**_CAR.tires.model_dump(exclude={"relaxation_length"}))}
+    )
+    path = without_relaxation(tmp_path / "t.tir")
+    tire = plant_tire(plain, path)
+    radius = float(tire.coefficients["UNLOADED_RADIUS"])
+    lengths = tire.relaxation_lengths(mean)
+    assert float(lengths.lateral) == pytest.approx(1.3 * radius)
+    assert float(lengths.longitudinal) == pytest.approx(0.65 * radius)
+    # like the stiffness they come from, they grow less than the load does
+    grown = float(tire.relaxation_lengths(1.5 * mean).lateral / lengths.lateral)
+    assert grown == pytest.approx(float(tire.stiffnesses(1.5 * mean)[1] / tire.stiffnesses(mean)[1]))
+    # a length that somebody gave goes first, and a carcass' stiffness before both
+    given = plant_tire(plain, path, figures=TireFigures(relaxation_length=0.5))
+    assert float(given.relaxation_lengths(mean).lateral) == pytest.approx(0.5)
+    assert "relaxation_length" in _CAR.tires.model_fields_set
+    by_car = plant_tire(_CAR, path)
+    assert float(by_car.relaxation_lengths(mean).lateral) == pytest.approx(_CAR.tires.relaxation_length)
+    stiff = plant_tire(plain, without_relaxation(tmp_path / "s.tir", "LATERAL_STIFFNESS = 150000"))
+    lateral = float(stiff.stiffnesses(mean)[1]) / 150e3
+    assert float(stiff.relaxation_lengths(mean).lateral) == pytest.approx(lateral)
+    assert float(stiff.relaxation_lengths(mean).longitudinal) == pytest.approx(0.65 * radius)
+    plant = multibody_plant(plain, tir=path)
+    assert np.isfinite(np.asarray(plant.tires.low_speed_damping)).all()
+
+
+@pytest.mark.parametrize("path", [PASSENGER, TRUCK], ids=["passenger", "truck"])
+def test_no_slip_and_no_camber_takes_more_than_the_road_has(path: Path) -> None:
+    """On μ = 0.1, where unbounded camber thrust alone exceeds it; the slip stiffness stays."""
+    bounded, free = (load_tir(path, symmetric=True, bounded=b) for b in (True, False))
+    nominal = float(bounded.coefficients["FNOMIN"])
+    slips = np.concatenate([-np.geomspace(1, 1e-4, 9), [0], np.geomspace(1e-4, 3, 10)])
+    angles = np.linspace(-1.5, 1.5, 21)
+    cambers = np.linspace(-0.35, 0.35, 9)
+    loads = nominal * np.array([0.05, 0.3, 1.0, 1.8])
+    kappa, alpha, camber, load = np.meshgrid(slips, angles, cambers, loads, indexing="ij")
+    used = {}
+    for tire in (bounded, free):
+        force = tire.forces(kappa, alpha, load, 0.1, 20.0, camber=camber)
+        peaks = np.maximum(*(np.asarray(p) for p in tire.peak_friction(load, 0.1, camber=camber)))
+        used[tire.bounded] = np.hypot(force.F_x, force.F_y) / load / peaks
+        if tire.bounded:
+            upright = np.abs(camber) < 1e-9
+            assert (np.hypot(force.F_x, force.F_y) / load)[upright & (load == nominal)].max() <= 0.1
+    assert used[True].max() <= 1 + 1e-9
+    assert used[True].max() > 0.99
+    if path == PASSENGER:
+        assert used[False].max() > 1.3
+    small = 1e-5
+    for tire in (bounded, free):
+        at = tire.forces(small * np.eye(2)[0], small * np.eye(2)[1], nominal, 0.1, 20.0)
+        along, across = tire.stiffnesses(nominal)
+        assert float(at.F_x[0]) == pytest.approx(small * float(along), rel=1e-2)
+        assert float(at.F_y[1]) == pytest.approx(small * float(across), rel=1e-2)
+
+
+def test_a_bounded_tire_is_the_free_one_below_its_peaks() -> None:
+    bounded, free = (load_tir(PASSENGER, symmetric=True, bounded=b) for b in (True, False))
+    angles = np.linspace(-0.5, 0.5, 101)
+    here, there = (np.asarray(t.forces(0.0, angles, 4000.0, 0.8, 20.0).F_y) for t in (bounded, free))
+    inside = np.abs(there) < 0.97 * 0.8 * 4000
+    assert 20 < inside.sum() < 101
+    np.testing.assert_array_equal(here[inside], there[inside])
+    np.testing.assert_allclose(here, there, rtol=0.008)  # what the peak itself loses
 
 
 def test_lateral_force_builds_up_over_the_relaxation_length() -> None:

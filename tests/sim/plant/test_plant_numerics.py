@@ -128,7 +128,7 @@ def test_dt_must_be_a_multiple_of_the_inner_step(car: MultibodyPlant) -> None:
 def test_violent_driving_stays_finite_and_within_friction(name: str, friction: float) -> None:
     """Pedals, wheel and gears thrown about; the truck lifts wheels, no force exceeds what the road has.
 
-    But for the Magic Formula's camber thrust, which it hardly lowers on ice.
+    The tires' peaks are friction times load at the nominal load; at small loads they have a little more.
     """
     random = np.random.default_rng(1)
     plant, road, t = multibody_plant(load_vehicle(name)), Plane(0.0, 0.0, friction, friction), samples(16.0)
@@ -147,7 +147,8 @@ def test_violent_driving_stays_finite_and_within_friction(name: str, friction: f
     for field, values in truth._asdict().items():
         assert np.isfinite(values).all(), field
     used = np.hypot(truth.force_x, truth.force_y)[truth.load > 200] / truth.load[truth.load > 200]
-    assert 0.7 * friction < used.max() < 1.1 * friction + 0.05
+    peaks = np.maximum(*(np.asarray(p) for p in plant.tires.model.peak_friction(truth.load, friction)))
+    assert 0.7 * friction < used.max() <= 1.001 * peaks[truth.load > 200].max()
     assert truth.load.min() >= 0
     if name == "truck":
         assert truth.load.min() == 0

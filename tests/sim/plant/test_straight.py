@@ -141,3 +141,46 @@ def test_a_limited_slip_differential_pulls_on_a_split_road() -> None:
         reached.append(float(truth.planar_velocity[-1, 0]))
     assert reached[1] > reached[0] + 0.5
     assert AUTOMATIC == 100
+
+
+@pytest.mark.parametrize("name", ["family-car", "suv", "truck"])
+def test_shifts_are_not_felt_as_blows(name: str) -> None:
+    """Shifting down while braking gently and up under power: no more than a little beyond what was there."""
+    vehicle = load_vehicle(name)
+    plant, road, t = multibody_plant(vehicle), Plane(), samples(14.0)
+    braking = Controls.make(throttle=np.zeros(t.shape), brake=np.where(t > 1, 0.05, 0.0))
+    driving = Controls.make(throttle=np.full(t.shape, 0.9))
+    for controls, speed, up in ((braking, 16.0, False), (driving, 0.5, True)):
+        _, truth = drive(plant, road, start(plant, road, speed), controls)
+        accel, gear = np.asarray(truth.specific_force)[:, 0], np.asarray(truth.gear)
+        shifts = [i for i in np.flatnonzero(np.diff(gear)) if 100 < i < 1280]
+        assert shifts
+        for i in shifts:
+            assert (gear[i + 1] > gear[i]) == up
+            felt, before = accel[i - 60 : i + 120], accel[i - 60 : i - 30].mean()
+            if up:
+                # the torque is interrupted, but neither is the car braked nor the engine let go
+                assert felt.min() > -0.5
+                assert felt.max() < 1.45 * before + 0.2
+            else:
+                assert np.abs(felt - before).max() < 0.75
+            jerk = np.abs(np.diff(felt)) / 0.01
+            assert jerk.max() < (90 if up else 20)
+        if up:
+            engine = np.asarray(truth.engine_speed)
+            assert engine.max() < 1.15 * max(engine[i - 30] for i in shifts)
+
+
+def test_the_engine_comes_up_to_the_speed_of_a_lower_gear(car: MultibodyPlant) -> None:
+    """Within the shift, by its own torque: the clutch has next to nothing left to do."""
+    road, t = Plane(), samples(4.0)
+    controls = Controls.make(throttle=0.1, gear=np.where(t < 2, 3.0, 2.0))
+    _, truth = drive(car, road, start(car, road, 11.0), controls)
+    engine, torque = np.asarray(truth.engine_speed), np.asarray(truth.engine_torque)
+    line = car.driveline
+    shift = 200 + round(float(line.shift_time) / 0.01)
+    fitting = float(line.ratios[3]) * np.asarray(truth.wheel_speed)[shift, :2].mean()
+    assert fitting > 1.3 * engine[199]
+    assert engine[shift] == pytest.approx(fitting, rel=0.02)
+    assert torque[200:shift].max() > 0.5 * float(line.peak_torque)
+    assert np.abs(np.asarray(truth.drive_torque)[200:shift].sum(axis=1)).max() < 150

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +14,13 @@ from roadstate.sim.plant.brakes import Brakes
 from roadstate.sim.plant.chassis import Chassis
 from roadstate.sim.plant.contact import Tires
 from roadstate.sim.plant.driveline import Driveline, EngineDrive, WheelMotors
-from roadstate.sim.plant.figures import PlantFigures
+from roadstate.sim.plant.figures import PlantFigures, full_pedal, usual_figures
+from roadstate.sim.plant.figures import Suspension as SuspensionFigures
+from roadstate.sim.plant.handling import matched
 from roadstate.sim.plant.multibody import Aerodynamics, MultibodyPlant
 from roadstate.sim.plant.steering import Steering
 from roadstate.sim.plant.suspension import Suspension
-from roadstate.sim.plant.tire_figures import corner_loads, plant_tire, pneumatic_trail, tires_per_corner
+from roadstate.sim.plant.tire_figures import corner_loads, plant_tire, tires_per_corner
 from roadstate.tires.base import as_leaf
 from roadstate.tires.magic_formula import MagicFormula
 from roadstate.vehicles.parameters import GRAVITY, Vehicle
@@ -30,9 +33,10 @@ _EFFECTIVE = np.array([8.4, 0.27, 0.07])
 _STOP = 8.0  # stiffness of a stop over the spring's
 _LOW_SPEED_DAMPING = 0.2  # damping ratio of a car that stands on its tires' carcasses
 _SHORTEST = 0.01  # m
+_CAMBER = 0.45  # rad/m, of a car's wheel
 _ROLL_GRADIENT = 0.007  # rad/(m/s²), where the vehicle file has none
 _FRONT_BAR = 0.06  # by which the front's share of the roll stiffness exceeds its share of the load
-_LAUNCH = 0.5  # largest drive force over weight
+_PRESSURE = 1.2e7  # Pa with which brakes stop the car that are in no file
 _WIND_UP = 0.08  # rad of the shafts under it
 
 
@@ -51,7 +55,7 @@ def multibody_plant(
     Args:
         vehicle: its file or preset; standing on its wheels the plant has the file's mass, yaw inertia,
             centre of gravity, rolling radius and axle stiffnesses.
-        figures: what the file does not hold; defaults that suit the vehicle otherwise.
+        figures: what the file does not hold; where not set, :func:`usual_figures` of the vehicle.
         tir: a tire property file instead of the package's tire, scaled.
         stiffness_follows_friction: as :func:`roadstate.sim.plant.tire_figures.plant_tire`.
         anti_lock, traction_control: whether the brakes' controls are on.
@@ -60,31 +64,33 @@ def multibody_plant(
     Raises:
         InputError: wheels too heavy for the yaw inertia; no gear ratios; as ``plant_tire``.
     """
-    figures = PlantFigures() if figures is None else figures
+    figures = usual_figures(vehicle, figures)
     tire = plant_tire(
-        vehicle,
-        tir,
-        relaxation_length=figures.tires.relaxation_length,
-        stiffness_follows_friction=stiffness_follows_friction,
+        vehicle, tir, figures=figures.tires, stiffness_follows_friction=stiffness_follows_friction
     )
     unsprung = _unsprung(vehicle, figures)
     tires = _tires(vehicle, figures, tire, unsprung)
-    standing = np.asarray(tires.radius - tires.nominal_deflection)
-    gains = _brake_gains(vehicle, figures)
+    standing = np.asarray(tires.radius - tires.nominal_deflection)[[tires.wheel.index(i) for i in range(4)]]
+    gains = _brake_gains(vehicle)
+    vertical = float(tires.stiffness[0])
     chassis = _chassis(vehicle, figures, unsprung, standing, gains)
+    suspension = _suspension(vehicle, figures, unsprung, chassis)
+    tire, steering_stiffness = matched(
+        vehicle, figures, tire, chassis, suspension, vertical, as_measured=tir is not None
+    )
     geometry = vehicle.geometry
     lift = figures.lift
     area = vehicle.aerodynamics.frontal_area
     return MultibodyPlant(
         chassis=chassis,
-        suspension=_suspension(vehicle, figures, unsprung, chassis),
-        tires=tires,
-        steering=_steering(vehicle, figures, tire, standing),
+        suspension=suspension,
+        tires=replace(tires, model=tire),
+        steering=_steering(vehicle, figures, steering_stiffness),
         driveline=_driveline(vehicle, figures),
         brakes=Brakes(
             **_leaves(
                 gain=gains,
-                largest_pressure=figures.brakes.largest_pressure,
+                largest_pressure=full_pedal(vehicle, figures, gains),
                 lag=figures.brakes.lag,
                 radius=np.full(4, vehicle.wheels.radius),
                 anti_lock=float(anti_lock),
@@ -123,9 +129,11 @@ def _unsprung(vehicle: Vehicle, figures: PlantFigures) -> np.ndarray:
 
 def _tires(vehicle: Vehicle, figures: PlantFigures, tire: MagicFormula, unsprung: np.ndarray) -> Tires:
     count = tires_per_corner(vehicle)
+    wheel = np.repeat(np.arange(4), count)
     mean = vehicle.mass * GRAVITY / count.sum()
     stiffness = figures.tires.vertical_stiffness or _TIRE_STIFFNESS * mean
-    load = corner_loads(vehicle) / count
+    load, carried = (corner_loads(vehicle) / count)[wheel], (unsprung / count)[wheel]
+    left = np.concatenate([np.linspace(0.5, -0.5, n) if n > 1 else np.zeros(1) for n in count])
     deflection = load / stiffness
     B, D, F = _EFFECTIVE
     radius = vehicle.wheels.radius + deflection * (D * np.arctan(B) + F)
@@ -134,15 +142,16 @@ def _tires(vehicle: Vehicle, figures: PlantFigures, tire: MagicFormula, unsprung
     return Tires(
         **_leaves(
             model=tire,
-            count=count,
+            beside=figures.tires.dual_spacing * left,
             radius=radius,
-            stiffness=np.full(4, stiffness),
-            damping=2 * figures.tires.vertical_damping * np.sqrt(stiffness * unsprung / count),
+            stiffness=np.full(len(wheel), stiffness),
+            damping=2 * figures.tires.vertical_damping * np.sqrt(stiffness * carried),
             nominal_deflection=deflection,
             low_speed_damping=2 * _LOW_SPEED_DAMPING * np.sqrt(carcass * load / GRAVITY),
             shortest=_SHORTEST,
             effective=_EFFECTIVE,
-        )
+        ),
+        wheel=tuple(int(i) for i in wheel),
     )
 
 
@@ -150,10 +159,10 @@ def _drive_share(vehicle: Vehicle, figures: PlantFigures) -> float:
     return {"front": 1.0, "rear": 0.0}.get(vehicle.driveline.driven, figures.powertrain.front_share)
 
 
-def _brake_gains(vehicle: Vehicle, figures: PlantFigures) -> np.ndarray:
+def _brake_gains(vehicle: Vehicle) -> np.ndarray:
     if vehicle.brakes is not None:
         return _per_wheel(vehicle.brakes.torque_per_pressure_front, vehicle.brakes.torque_per_pressure_rear)
-    whole = 1.2 * vehicle.mass * GRAVITY * vehicle.wheels.radius / figures.brakes.largest_pressure
+    whole = 1.2 * vehicle.mass * GRAVITY * vehicle.wheels.radius / _PRESSURE
     return _per_wheel(0.5 * 0.65 * whole, 0.5 * 0.35 * whole)
 
 
@@ -201,7 +210,8 @@ def _chassis(
             carrier_turn=turn,
             steering_axis=front / np.linalg.norm(front, axis=0),
             spin_inertia=vehicle.wheels.inertia * count,
-        )
+        ),
+        rigid=(figures.front.kind == "rigid_axle", figures.rear.kind == "rigid_axle"),
     )
 
 
@@ -221,13 +231,17 @@ def _paths(
     x_contact = sign * anti_brake * slope / brake_share
     track = _per_wheel(g.track_front, g.track_rear)
     height = _per_wheel(front.roll_centre_height, rear.roll_centre_height)
-    # a rigid axle stands upright on the road when the body rolls
-    usual = 2 / track if vehicle.wheels.dual_rear else np.full(4, 0.45)
-    given = (front.camber_per_travel, front.camber_per_travel, rear.camber_per_travel, rear.camber_per_travel)
-    camber = _SIDE * np.array([u if c is None else c for u, c in zip(usual, given, strict=True)])
+    camber = _SIDE * np.repeat([_camber(front, g.track_front), _camber(rear, g.track_rear)], 2)
     toe = -_SIDE * _per_wheel(front.toe_per_travel, rear.toe_per_travel)
     y = _SIDE * 2 * height / track - camber * standing
     return np.stack([x, y, np.ones(4)]), np.stack([camber, (x - x_contact) / standing, toe])
+
+
+def _camber(axle: SuspensionFigures, track: float) -> float:
+    """Lean inwards per travel, rad/m: with 2/track wheels stay upright on the road as the body rolls."""
+    if axle.kind == "rigid_axle":
+        return 2 / track
+    return _CAMBER if axle.camber_per_travel is None else axle.camber_per_travel
 
 
 def _suspension(
@@ -240,7 +254,9 @@ def _suspension(
     stiffness = carried * frequency**2
     critical = 2 * carried * frequency
     track = np.array([g.track_front, g.track_rear])
-    springs = 0.5 * stiffness[[0, 2]] * track**2
+    base = np.array([front.spring_track, rear.spring_track])
+    whole = 0.5 * stiffness[[0, 2]] * track**2
+    springs = whole * base**2
     height = g.cg_height + float(chassis.places[2, 0])
     front_share = g.cg_to_rear_axle / g.wheelbase
     axis = front_share * front.roll_centre_height + (1 - front_share) * rear.roll_centre_height
@@ -248,7 +264,7 @@ def _suspension(
     gradient = vehicle.body.roll_gradient or _ROLL_GRADIENT
     wanted = max(lever / gradient + lever * GRAVITY, float(springs.sum()))
     share = min(max(front_share + _FRONT_BAR, springs[0] / wanted), 1 - springs[1] / wanted)
-    bars = (np.array([share, 1 - share]) * wanted - springs) / track**2
+    bars = (np.array([share, 1 - share]) * wanted - whole) / track**2
     return Suspension(
         **_leaves(
             preload=carried * GRAVITY,
@@ -263,18 +279,8 @@ def _suspension(
     )
 
 
-def _steering(vehicle: Vehicle, figures: PlantFigures, tire: MagicFormula, standing: np.ndarray) -> Steering:
+def _steering(vehicle: Vehicle, figures: PlantFigures, stiffness: float) -> Steering:
     given, g = figures.steering, vehicle.geometry
-    load = corner_loads(vehicle)[0]
-    own = float(tire.stiffnesses(load)[1]) / load
-    softer = 1 / vehicle.tires.cornering_stiffness_front - 1 / own
-    trail = pneumatic_trail(tire, load) + standing[0] * np.sin(given.caster)
-    stiffest = 60.0 * vehicle.mass  # N·m/rad
-    softest = 2.0 * vehicle.mass
-    stiffness = given.stiffness
-    if stiffness is None:
-        stiffness = 2 * load * trail / softer if softer > 0 else stiffest
-        stiffness = min(max(stiffness, softest), stiffest)
     natural = 2 * np.pi * given.frequency
     return Steering(
         **_leaves(
@@ -291,7 +297,7 @@ def _driveline(vehicle: Vehicle, figures: PlantFigures) -> Driveline:
     line, power = vehicle.driveline, figures.powertrain
     radius, driven = vehicle.wheels.radius, _drive_share(vehicle, figures)
     share = 0.5 * _per_wheel(driven, 1 - driven)
-    force = _LAUNCH * vehicle.mass * GRAVITY
+    force = power.launch * vehicle.mass * GRAVITY
     if line.kind == "in_wheel":
         largest = force * radius if power.peak_torque is None else power.peak_torque
         return WheelMotors(**_leaves(largest_torque=largest * share, corner_speed=12.0 / radius, lag=0.02))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import jax.scipy.linalg as jsl
 import numpy as np
@@ -69,6 +70,9 @@ class Chassis(eqx.Module):
         carrier_turn: (3, 4) ε, turn of each wheel carrier per travel, rad/m.
         steering_axis: (3, 4) unit vectors, upwards, through the wheel's centre.
         spin_inertia: (4,) of the wheels about their axes, kg·m².
+        rigid: whether the front, and the rear, axle is one body from wheel to wheel: d's lateral part and ε's
+            lean and toe then follow half the difference of the travels instead of each wheel's own, and both
+            wheels of the axle move sideways and turn as one.
     """
 
     masses: Numbers = eqx.field(converter=as_leaf)
@@ -78,6 +82,27 @@ class Chassis(eqx.Module):
     carrier_turn: Numbers = eqx.field(converter=as_leaf)
     steering_axis: Numbers = eqx.field(converter=as_leaf)
     spin_inertia: Numbers = eqx.field(converter=as_leaf)
+    rigid: tuple[bool, bool] = eqx.field(static=True, default=(False, False))
+
+    def _each_or_axle(self, values: Numbers) -> Numbers:
+        """(4,) of each wheel's own, or half the difference within a rigid axle: a symmetric matrix's work."""
+        if self.rigid == (False, False):
+            return values
+        shares = 0.5 * np.repeat(self.rigid, 2)
+        return values - jnp.asarray(shares, values.dtype) * (values + values[np.array([1, 0, 3, 2])])
+
+    def moved(self, travel: Float[Array, " 4"]) -> Float[Array, "3 4"]:
+        """Displacement of the wheel centres by travels, m; their velocity by the travels' rates, m/s."""
+        if self.rigid == (False, False):
+            return self.path * travel
+        return self.path * jnp.stack([travel, self._each_or_axle(travel), travel])
+
+    def turned(self, travel: Float[Array, " 4"]) -> Float[Array, "3 4"]:
+        """Turn of the carriers by travels, rad; their rate by the travels' rates, rad/s."""
+        if self.rigid == (False, False):
+            return self.carrier_turn * travel
+        axle = self._each_or_axle(travel)
+        return self.carrier_turn * jnp.stack([axle, travel, axle])
 
     @property
     def mass(self) -> Numbers:
@@ -86,13 +111,13 @@ class Chassis(eqx.Module):
 
     def wheel_centres(self, travel: Float[Array, " 4"]) -> Float[Array, "3 4"]:
         """Places of the wheel centres seen from the CG along the body's axes, m."""
-        return self.places[:, 1:] + self.path * travel
+        return self.places[:, 1:] + self.moved(travel)
 
     def velocities(
         self, velocity: Numbers, rate: Numbers, travel_rate: Numbers, centres: Numbers
     ) -> Float[Array, "3 4"]:
         """Of the wheel centres along the body's axes, m/s."""
-        return velocity[:, None] + cross(rate, centres) + self.path * travel_rate
+        return velocity[:, None] + cross(rate, centres) + self.moved(travel_rate)
 
     def accelerate(
         self,
@@ -116,7 +141,7 @@ class Chassis(eqx.Module):
         places = jnp.concatenate([self.places[:, :1], centres], axis=1)
         J = self._jacobian(places)
         weighted = J * jnp.tile(self.masses, 3)[:, None]
-        moving = jnp.concatenate([jnp.zeros((3, 1), rate.dtype), self.path * (2 * travel_rate)], axis=1)
+        moving = jnp.concatenate([jnp.zeros((3, 1), rate.dtype), self.moved(2 * travel_rate)], axis=1)
         bias = cross(rate, velocity[:, None] + cross(rate, places) + moving) - gravity[:, None]
         M = (weighted.T @ J).at[3:6, 3:6].add(self.inertia)
         torque = jnp.sum(cross(centres, loads.force) + loads.carrier_torque, axis=1)
@@ -124,12 +149,18 @@ class Chassis(eqx.Module):
             [
                 jnp.sum(loads.force, axis=1) + loads.body_force,
                 torque + loads.body_torque - cross(rate, self.inertia @ rate),
-                dot(self.path, loads.force) + dot(self.carrier_turn, loads.carrier_torque) + loads.travel,
+                self._along_paths(loads) + loads.travel,
             ]
         )
         right = Q - weighted.T @ bias.reshape(15)
         solved = jsl.cho_solve((jnp.linalg.cholesky(M), True), right)
         return Accelerations(solved[:3], solved[3:6], solved[6:])
+
+    def _along_paths(self, loads: Loads) -> Numbers:
+        """(4,) what forces and torques on the wheels do along the travels, N."""
+        forces, torques = self.path * loads.force, self.carrier_turn * loads.carrier_torque
+        across = forces[1] + torques[0] + torques[2]
+        return forces[0] + forces[2] + torques[1] + self._each_or_axle(across)
 
     def _jacobian(self, places: Float[Array, "3 5"]) -> Float[Array, "15 10"]:
         """Of the velocities of the five masses, components first."""
@@ -137,7 +168,10 @@ class Chassis(eqx.Module):
         x, y, z = places
         turning = jnp.stack([jnp.stack([zero, z, -y]), jnp.stack([-z, zero, x]), jnp.stack([y, -x, zero])])
         along = jnp.broadcast_to(jnp.eye(3, dtype=zero.dtype)[:, None, :], (3, 5, 3))
-        wheels = self.path[:, None, :] * jnp.asarray(np.eye(5, 4, -1), zero.dtype)
+        own = jnp.broadcast_to(jnp.eye(4, dtype=zero.dtype), (3, 4, 4))
+        if self.rigid != (False, False):
+            own = own.at[1].set(jax.vmap(self._each_or_axle)(own[1]))
+        wheels = jnp.pad(self.path[:, :, None] * own, ((0, 0), (1, 0), (0, 0)))
         return jnp.concatenate([along, jnp.moveaxis(turning, 1, 2), wheels], axis=2).reshape(15, 10)
 
     def kinetic_energy(

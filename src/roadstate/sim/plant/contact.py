@@ -22,11 +22,11 @@ _TINY = 1e-4
 
 
 class Ground(NamedTuple):
-    """The road under the wheels, (4,) each or (3, 4) along the body's axes.
+    """The road under N tires, (N,) each or (3, N) along the body's axes.
 
     Attributes:
         normal: of the road.
-        height: of the wheel's centre over the road's tangent plane, m.
+        height: of the tire's centre over the road's tangent plane, m.
         friction: peak friction coefficient.
     """
 
@@ -36,14 +36,14 @@ class Ground(NamedTuple):
 
 
 class Frame(NamedTuple):
-    """The contacts' frames, (3, 4) along the body's axes: along the wheel, across it, normal to the road.
+    """The contacts' frames, (3, N) along the body's axes: along the wheel, across it, normal to the road.
 
     Attributes:
         x, y, normal: unit vectors.
         axis: of the wheel, to the left.
-        arm: from the wheel's centre to the contact, m.
-        loaded_radius: (4,) m.
-        camber: (4,) rad.
+        arm: from the wheel's centre to the contact, m; of a dual tire, which is beside it, too.
+        loaded_radius: (N,) m.
+        camber: (N,) rad.
     """
 
     x: Numbers
@@ -56,15 +56,15 @@ class Frame(NamedTuple):
 
 
 class Contact(NamedTuple):
-    """The tires' state of force; (4,) unless said otherwise.
+    """The tires' state of force; (N,) unless said otherwise.
 
     Attributes:
-        force_x, force_y, load: N, of all tires of a wheel.
-        force: (3, 4) the same along the body's axes, N.
-        moment: (3, 4) about the wheel's centre along the body's axes, N·m.
+        force_x, force_y, load: N.
+        force: (3, N) the same along the body's axes, N.
+        moment: (3, N) about the wheel's centre along the body's axes, N·m.
         velocity_x, velocity_y, velocity_z: of the contact without the wheel's spin, m/s.
         effective_radius: m.
-        slip_growth, slip_decay: (2, 4), 1/s: d(κ', tan α')/dt = growth − decay · (κ', tan α').
+        slip_growth, slip_decay: (2, N), 1/s: d(κ', tan α')/dt = growth − decay · (κ', tan α').
     """
 
     force_x: Numbers
@@ -81,14 +81,14 @@ class Contact(NamedTuple):
 
 
 def ground(road: Any, position: Numbers, R: Numbers, place: Numbers, centres: Numbers, under: Any) -> Ground:
-    """The road under four wheels.
+    """The road under the tires.
 
     Args:
         road: with ``at(s, d)``.
         position: (3,) of the CG in the world, m.
         R: (3, 3) body to world.
         place: (2,) s and d of the CG.
-        centres: (3, 4) wheel centres seen from the CG along the body's axes, m.
+        centres: (3, N) of the tires seen from the CG along the body's axes, m.
         under: the road's point at ``place``.
     """
     offset = to_world(R, centres)
@@ -110,18 +110,27 @@ def _tangent_plane(point: Any, d: Numbers, height: Numbers, R: Numbers) -> Groun
     return Ground(to_body(R, normal), upright * (height - point.z), point.friction)
 
 
-def frames(axis: Float[Array, "3 4"], under: Ground) -> Frame:
-    """The contacts' frames, from the wheels' axes along the body's axes."""
+def frames(axis: Float[Array, "3 N"], under: Ground, beside: Numbers | float = 0.0) -> Frame:
+    """The contacts' frames.
+
+    Args:
+        axis: (3, N) of the tires, along the body's axes.
+        under: the road under them.
+        beside: (N,) places of the tires along their axes, seen from the wheels' centres, m.
+    """
     lean = dot(axis, under.normal)
     upright = jnp.sqrt(1 - lean**2)
     x = unit(cross(axis, under.normal))
     radius = under.height / upright
-    arm = -(under.normal - lean * axis) * (radius / upright)
+    arm = -(under.normal - lean * axis) * (radius / upright) + beside * axis
     return Frame(x, cross(under.normal, x), under.normal, axis, arm, radius, jnp.arctan2(lean, upright))
 
 
 class Tires(eqx.Module):
-    """Four tire positions, of one or two tires each, with the Magic Formula and a contact that lags behind.
+    """N tires on four wheels, with the Magic Formula and contacts that lag behind.
+
+    Dual tires are two, side by side on one wheel: each has its own load, since axles lean and roads are not
+    plane, and its own slip, since a car that turns moves the outer one faster while both spin alike.
 
     The transient slips κ' and tan α' follow σ d/dt(κ', tan α') = −V_s − |V_x|·(κ', tan α') with the sliding
     velocity V_s = (V_x − R_e ω, V_y), and the force is the Magic Formula's at them. Their σ are the tire's
@@ -137,18 +146,19 @@ class Tires(eqx.Module):
 
     Attributes:
         model: the Magic Formula.
-        count: (4,) tires per position; they share its load and slip alike.
-        radius: (4,) unloaded, m.
-        stiffness: (4,) vertical, of one tire, N/m.
-        damping: (4,) vertical, of one tire, N·s/m.
-        nominal_deflection: (4,) m, at which the effective radius' terms are scaled.
+        beside: (N,) places of the tires along the wheel's axis seen from its centre, m, positive to the left.
+        radius: (N,) unloaded, m.
+        stiffness: (N,) vertical, N/m.
+        damping: (N,) vertical, N·s/m.
+        nominal_deflection: (N,) m, at which the effective radius' terms are scaled.
         shortest: m, floor of σ.
-        low_speed_damping: (4,) c of one tire at standstill, N·s/m.
+        low_speed_damping: (N,) c at standstill, N·s/m.
         effective: (3,) B, D, F of R_e = R₀ − δ₀(D arctan(B δ/δ₀) + F δ/δ₀) (Pacejka, eq. 4.E: §4.3, A.3).
+        wheel: of each tire, 0 to 3, in ascending order.
     """
 
     model: MagicFormula
-    count: Numbers = eqx.field(converter=as_leaf)
+    beside: Numbers = eqx.field(converter=as_leaf)
     radius: Numbers = eqx.field(converter=as_leaf)
     stiffness: Numbers = eqx.field(converter=as_leaf)
     damping: Numbers = eqx.field(converter=as_leaf)
@@ -156,9 +166,29 @@ class Tires(eqx.Module):
     low_speed_damping: Numbers = eqx.field(converter=as_leaf)
     shortest: Numbers = eqx.field(converter=as_leaf)
     effective: Numbers = eqx.field(converter=as_leaf)
+    wheel: tuple[int, ...] = eqx.field(static=True, default=(0, 1, 2, 3))
+
+    def of_wheels(self, values: Numbers) -> Numbers:
+        """(…, N) values of the tires' wheels, from (…, 4)."""
+        if len(self.wheel) == 4:
+            return values
+        return jnp.stack([values[..., i] for i in self.wheel], axis=-1)
+
+    def summed(self, values: Numbers) -> Numbers:
+        """(…, 4) sums over the tires of each wheel, from (…, N)."""
+        if len(self.wheel) == 4:
+            return values
+        tires = [[k for k, i in enumerate(self.wheel) if i == wheel] for wheel in range(4)]
+        return jnp.stack([sum(values[..., k] for k in some) for some in tires], axis=-1)
+
+    def mean(self, values: Numbers) -> Numbers:
+        """(…, 4) means over the tires of each wheel, from (…, N)."""
+        if len(self.wheel) == 4:
+            return values
+        return self.summed(values) / self.summed(jnp.ones_like(values))
 
     def effective_radius(self, deflection: Numbers) -> Numbers:
-        """R_e (4,) at a vertical deflection, m."""
+        """R_e (N,) at a vertical deflection, m."""
         share = deflection / self.nominal_deflection
         B, D, F = self.effective
         lost: Numbers = self.nominal_deflection * (D * jnp.arctan(B * share) + F * share)
@@ -167,7 +197,7 @@ class Tires(eqx.Module):
     def energy(self, loaded_radius: Numbers) -> Numbers:
         """Stored by the vertical deflections, J."""
         deflection = jnp.maximum(self.radius - loaded_radius, 0)
-        return jnp.sum(0.5 * self.count * self.stiffness * deflection**2)
+        return jnp.sum(0.5 * self.stiffness * deflection**2)
 
     def contact(
         self, frame: Frame, velocity: Numbers, spin: Numbers, slip: Numbers, friction: Numbers
@@ -176,10 +206,10 @@ class Tires(eqx.Module):
 
         Args:
             frame: of the contacts.
-            velocity: (3, 4) of the contacts without the wheels' spin, along the body's axes, m/s.
-            spin: (4,) rad/s.
-            slip: (2, 4) transient slips κ' and tan α'.
-            friction: (4,) peak friction coefficients.
+            velocity: (3, N) of the contacts without the wheels' spin, along the body's axes, m/s.
+            spin: (N,) of the tires' wheels, rad/s.
+            slip: (2, N) transient slips κ' and tan α'.
+            friction: (N,) peak friction coefficients.
         """
         v_x, v_y, v_z = dot(velocity, frame.x), dot(velocity, frame.y), dot(velocity, frame.normal)
         pressed = self.radius - frame.loaded_radius
@@ -208,9 +238,7 @@ class Tires(eqx.Module):
         lengths = jnp.stack(self.model.relaxation_lengths(load, camber=camber))
         sigma = jnp.maximum(lengths * _slope(secant), self.shortest)
 
-        F_x, F_y, load, M_x, M_y, M_z, sigma = settled(
-            *(self.count * a for a in (F_x, F_y, load, M_x, M_y, M_z)), sigma
-        )
+        F_x, F_y, load, M_x, M_y, M_z, sigma = settled(F_x, F_y, load, M_x, M_y, M_z, sigma)
         force = F_x * frame.x + F_y * frame.y + load * frame.normal
         about_axis = M_y + (frame.loaded_radius - R_e) * F_x
         moment = cross(frame.arm, force) + M_x * frame.x + M_z * frame.normal + about_axis * frame.axis
@@ -227,13 +255,13 @@ def _slope(secant: Numbers) -> Numbers:
     return (0.5 * (jnp.sqrt(jnp.clip(12 * secant - 3, 1.0, 9.0)) - 1)) ** 2
 
 
-def limit_slip(slip: Float[Array, "2 4"]) -> Float[Array, "2 4"]:
+def limit_slip(slip: Float[Array, "2 N"]) -> Float[Array, "2 N"]:
     """Transient slips kept within a circle: a wheel that spins at standstill has no end to them."""
     return slip / jnp.maximum(safe_hypot(slip[0], slip[1]) / _LARGEST_SLIP, 1)
 
 
 def relax_slip(slip: Numbers, growth: Numbers, decay: Numbers, dt: Numbers) -> Numbers:
-    """(2, 4) transient slips after Δt with growth and decay held: exact, stable for any step."""
+    """(2, N) transient slips after Δt with growth and decay held: exact, stable for any step."""
     rate = jnp.maximum(decay, 1e-12)
     fading = -jnp.expm1(-rate * dt)
     return slip + (growth / rate - slip) * fading

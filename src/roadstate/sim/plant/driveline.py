@@ -15,8 +15,15 @@ from roadstate.tires.smooth import Numbers
 
 # s between two automatic shifts
 _REST = 1.5
-# share of the shift after which the gear changes, and over which the clutch then closes
-_SYNCHRONISED = 0.4
+# shares of the shift's time: when the clutch is open, when the gear changes, when the clutch begins to close,
+# when the throttle is given back, when the clutch no longer only matches speeds
+_OPEN, _SYNCHRONISED, _CLOSING, _BACK, _FIRM = 0.25, 0.35, 0.4, 0.6, 0.8
+# likewise: time constants with which clutch and engine bring the engine to the speed of the new gear
+_MATCH = 0.15
+# what of that the clutch does where the engine is too slow
+_LITTLE = 0.2
+# lag of the torque in a shift, when the gearbox asks for it, over that of the pedal's
+_QUICK = 0.3
 # of the idle speed: where the clutch begins to bite when starting, and over what it closes
 _BITE, _CLOSE = 1.0, 0.6
 # torque of the idle control per rad/s below idle, over the peak torque
@@ -140,10 +147,13 @@ class WheelMotors(Driveline):
 class EngineDrive(Driveline):
     """An engine, a clutch, gears, an elastic shaft and differentials; all in the body, as half-shafts need.
 
-    The clutch is dry friction with a capacity: it sticks where the torque to stick is within it. It opens for
-    a shift, and with the engine near idle it slips, so that the engine starts the car and never stalls. An
-    open differential splits torque evenly, whatever the speeds; a limited-slip one adds a torque between its
-    wheels. Reaction: the body takes the moment of all shafts; the engine's own inertia torque is neglected.
+    The clutch is dry friction with a capacity: it sticks where the torque to stick is within it. With the
+    engine near idle it slips, so that the engine starts the car and never stalls. In a shift it opens as the
+    torque is taken away; the engine is then brought to the speed that the new gear asks for, by its own
+    torque as far as it can (up, when shifting down) and by the closing clutch, whose capacity in that time is
+    just what ends the difference with a time constant. An open differential splits torque evenly, whatever
+    the speeds; a limited-slip one adds a torque between its wheels. Reaction: the body takes the moment of
+    all shafts; the engine's own inertia torque is neglected.
 
     Attributes:
         ratios: (26,) engine over wheel speed for reverse (negative), neutral (0) and gears 1 … G; the rest
@@ -211,7 +221,8 @@ class EngineDrive(Driveline):
         shifting = (wanted != memory.coming) & (since > self.shift_time)
         since = jnp.where(shifting, 0.0, since)
         coming = jnp.where(shifting, wanted, memory.coming)
-        gear = jnp.where(since >= _SYNCHRONISED * self.shift_time, coming, memory.gear)
+        phase = since / self.shift_time
+        gear = jnp.where(phase >= _SYNCHRONISED, coming, memory.gear)
 
         available = self._largest_torque(speed)
         drag = self.drag * self.peak_torque * speed / self.largest_speed
@@ -221,10 +232,14 @@ class EngineDrive(Driveline):
         pedal = controls.throttle * (available + drag) - drag
         idle = _IDLE_GAIN * self.peak_torque * jnp.maximum(self.idle_speed - speed, 0)
         target = jnp.clip(pedal + asked, -drag, available)
-        cut = jnp.where(since < self.shift_time, -drag, target)
         held = jnp.sum(self.share * held_back)
-        cut = jnp.where(cut > 0, cut * held, cut) + idle
-        torque = memory.torque[0] + (cut - memory.torque[0]) * -jnp.expm1(-dt / self.lag)
+        target = jnp.where(target > 0, target * held, target)
+        fitting = jnp.maximum(self._ratio_of(coming) * parts[1], self.idle_speed)
+        match = self.engine_inertia * (fitting - speed) / (_MATCH * self.shift_time)
+        match = jnp.where(phase < _OPEN, 0.0, jnp.clip(match, -drag, available))
+        given = match + _given_back(phase) * (target - match) + idle
+        lag = jnp.where(phase < 1, _QUICK, 1.0) * self.lag
+        torque = memory.torque[0] + (given - memory.torque[0]) * -jnp.expm1(-dt / lag)
         return Memory(memory.torque.at[0].set(torque), gear, since, coming)
 
     def _largest_torque(self, speed: Numbers) -> Numbers:
@@ -233,13 +248,20 @@ class EngineDrive(Driveline):
         low = 1 - 0.4 * (1 - jnp.clip(speed / self.peak_speed, 0, 1)) ** 2
         return self.peak_torque * jnp.where(high > 0, jnp.maximum(1 - high**2, 0), low)
 
-    def _capacity(self, memory: Memory, engine_speed: Numbers) -> Numbers:
-        """Of the clutch, N·m at the engine."""
-        synchronised = _SYNCHRONISED * self.shift_time
-        closing = (memory.since_shift - synchronised) / (self.shift_time - synchronised)
+    def _capacity(self, memory: Memory, engine_speed: Numbers, apart: Numbers) -> Numbers:
+        """Of the clutch, N·m at the engine, for speeds that are ``apart`` (rad/s)."""
+        phase = memory.since_shift / self.shift_time
+        whole = 2 * self.peak_torque
+        borne = jnp.where(phase < _OPEN, 1.0, _given_back(phase)) * jnp.abs(memory.torque[0])
+        # an engine that is too slow speeds up by itself: the clutch would brake the car
+        slower = jnp.where(apart < 0, _LITTLE, 1.0)
+        matching = borne + slower * self.engine_inertia * jnp.abs(apart) / (_MATCH * self.shift_time)
+        opening, closing = 1 - phase / _OPEN, jnp.clip((phase - _CLOSING) / (_FIRM - _CLOSING), 0, 1)
+        share = jnp.where(phase < _OPEN, opening, closing)
+        firm = whole * jnp.maximum(phase - _FIRM, 0) / (1 - _FIRM)
+        capacity = jnp.where(phase < 1, jnp.minimum(share * matching + firm, whole), whole)
         bite = (engine_speed / self.idle_speed - _BITE) / _CLOSE
-        closed = jnp.clip(closing, 0, 1) * jnp.clip(bite, 0, 1)
-        return jnp.where(memory.gear == 0, 0.0, 2 * self.peak_torque * closed)
+        return jnp.where(memory.gear == 0, 0.0, capacity * jnp.clip(bite, 0, 1))
 
     def drive(self, memory: Memory, parts: Numbers, start: Numbers, to_body: Numbers, dt: Numbers) -> Drive:
         """As :meth:`Driveline.drive`."""
@@ -247,8 +269,8 @@ class EngineDrive(Driveline):
         twisting = parts[1] - jnp.sum(self.share * to_body)
         shaft = self.stiffness * parts[2] + self.damping * twisting
         torque = memory.torque[0]
-        capacity = self._capacity(memory, start[0])
         apart = start[0] - ratio * start[1]
+        capacity = self._capacity(memory, start[0], apart)
         freely = torque / self.engine_inertia + ratio * shaft / self.shaft_inertia
         closing = apart / dt + freely  # has the sign of the clutch's torque
         passed = jnp.where(closing * ratio * parts[1] >= 0, self.efficiency, 1 / self.efficiency)
@@ -277,3 +299,8 @@ class EngineDrive(Driveline):
         """As :meth:`Driveline.ratio`."""
         closed = memory.since_shift >= self.shift_time
         return jnp.where(closed, self._ratio_of(memory.gear), 0.0)
+
+
+def _given_back(phase: Numbers) -> Numbers:
+    """Share of the driver's torque that the engine gives, at a share of the shift's time."""
+    return jnp.clip((phase - _BACK) / (1 - _BACK), 0, 1)

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import Field, ValidationError
 
 from roadstate.core.errors import InputError
 from roadstate.core.quantity import Quantity
 from roadstate.core.yaml_text import read_yaml
+from roadstate.vehicles.parameters import GRAVITY, Vehicle
 from roadstate.vehicles.sensors import Section
 
+_TRUCK = Path(__file__).parent / "truck.yaml"
+
 _Share = Annotated[float, Quantity("-", 0, 1)]
+_Multiple = Annotated[float, Quantity("-", 0.05, 5)]
 _Radius = Annotated[float, Quantity("-", 0.05, 1)]
 _Frequency = Annotated[float, Quantity("Hz", 0.3, 20)]
 _Damping = Annotated[float, Quantity("-", 0, 2)]
@@ -34,6 +40,8 @@ _Text = Annotated[str, Field(max_length=4000)]
 class Suspension(Section):
     """Springs, dampers and the paths on which they guide the wheels; one axle."""
 
+    kind: Literal["independent", "rigid_axle"] = "independent"
+    """`rigid_axle`: the wheels of the axle move sideways, lean and turn as one body, upright on the road"""
     ride_frequency: _Frequency = 1.3
     """Natural frequency of the body over the axle's springs"""
     damping_bump: _Damping = 0.2
@@ -47,7 +55,7 @@ class Suspension(Section):
     roll_centre_height: _Length = 0.08
     """Height of the roll centre over the road"""
     camber_per_travel: _Rate | None = None
-    """Lean of the wheel's top inwards per travel in bump (cars 0.3…0.7); default 0.45, trucks 2/track"""
+    """Lean of the wheel's top inwards per travel in bump (cars 0.3…0.7), not of a rigid axle; default 0.45"""
     toe_per_travel: _Rate = 0.0
     """Turn of the wheel inwards per travel in bump"""
     anti_pitch_drive: _Share = 0.2
@@ -56,6 +64,8 @@ class Suspension(Section):
     """Share of the pitch under braking that the contact's path takes: anti-dive front, anti-lift rear"""
     unsprung_mass: Annotated[float, Quantity("kg", 1, 5000)] | None = None
     """Mass of one wheel with what moves with it; default 5 % of the car's half (10 % of the car in sum)"""
+    spring_track: _Share = 1.0
+    """Distance of a rigid axle's springs over its track: what they bear of roll falls with its square"""
 
 
 class SteeringFigures(Section):
@@ -78,6 +88,12 @@ class SteeringFigures(Section):
 class TireFigures(Section):
     """The tires, beyond their property file."""
 
+    like: Literal["passenger", "truck"] = "passenger"
+    """Which of the package's tires is scaled to the vehicle"""
+    loaded: _Multiple = 0.9
+    """Mean static load over the nominal load of the scaled tire"""
+    dual_spacing: Annotated[float, Quantity("m", 0.1, 0.6)] = 0.3
+    """Distance between the centres of dual tires"""
     vertical_stiffness: _Stiffness | None = None
     """Of one tire; default: 50 times its mean static load per metre (200 kN/m at 4 kN)"""
     vertical_damping: _Damping = 0.05
@@ -90,7 +106,9 @@ class Powertrain(Section):
     """Engine, clutch and gearbox; what does not concern motors in the wheels has no effect there."""
 
     peak_torque: _Torque | None = None
-    """Largest torque of engine or all motors; default: half the weight as force in first gear"""
+    """Largest torque of engine or all motors; default: what pushes with `launch` in first gear"""
+    launch: _Multiple = 0.5
+    """Largest drive force in first gear over the weight"""
     peak_speed: _Speed | None = None
     """Engine speed of it; default 0.45 of the largest"""
     largest_speed: _Speed | None = None
@@ -99,7 +117,7 @@ class Powertrain(Section):
     """Engine speed held without throttle"""
     lag: _Time = 0.1
     """Time constant of the torque"""
-    shift_time: _Time = 0.4
+    shift_time: _Time = 0.5
     """From the clutch's opening to its closing"""
     shift_up: _Share = 0.6
     """Share of the largest engine speed at which the automatic gearbox shifts up"""
@@ -116,8 +134,10 @@ class Powertrain(Section):
 class Hydraulics(Section):
     """The brake system."""
 
-    largest_pressure: _Pressure = 1.2e7
-    """Line pressure at full pedal"""
+    largest_pressure: _Pressure | None = None
+    """Line pressure at full pedal; default 12 MPa, or what brakes with `hardest` if that is less"""
+    hardest: _Multiple = 2.5
+    """Brake force at full pedal over the weight, at most"""
     lag: _Time = 0.06
     """Time constant of the pressure at the wheels"""
 
@@ -163,7 +183,63 @@ class PlantFigures(Section):
     """Inertia"""
 
 
+_PRESSURE = 1.2e7  # Pa at full pedal
 _LARGEST = 100_000
+
+
+def usual_figures(vehicle: Vehicle, given: PlantFigures | None = None) -> PlantFigures:
+    """What is given, completed by what is usual for a vehicle of its kind.
+
+    Args:
+        vehicle: with dual rear tires it is taken for a truck: leaf springs on rigid axles, truck tires, a
+            diesel engine, compressed-air brakes (``truck.yaml`` beside this module, a plant file itself).
+        given: figures that hold whatever the vehicle; only those that were set.
+
+    Raises:
+        InputError: figures that do not go together, by themselves or with the usual ones.
+    """
+    usual = load_plant_figures(_TRUCK) if vehicle.wheels.dual_rear else PlantFigures()
+    if given is None:
+        return usual
+    where = f"{vehicle.name}: plant figures"
+    sections: dict[str, Any] = {}
+    for name in PlantFigures.model_fields:
+        base, own = getattr(usual, name), getattr(given, name)
+        if name not in given.model_fields_set:
+            sections[name] = base
+        elif isinstance(base, Section):
+            sections[name] = base.model_dump() | own.model_dump(exclude_unset=True)
+        else:
+            sections[name] = own
+    figures = _validated(sections, where, {})
+    for name, axle in (("front", figures.front), ("rear", figures.rear)):
+        if axle.kind == "rigid_axle" and axle.camber_per_travel is not None:
+            raise InputError(
+                "a rigid axle keeps its wheels upright",
+                where=f"{where}: {name}.camber_per_travel",
+                mend="remove it, or set 'kind: independent'",
+            )
+        if axle.kind == "independent" and axle.spring_track != 1:
+            raise InputError(
+                "only a rigid axle has springs off its wheels",
+                where=f"{where}: {name}.spring_track",
+                mend="remove it, or set 'kind: rigid_axle'",
+            )
+    return figures
+
+
+def full_pedal(vehicle: Vehicle, figures: PlantFigures, gains: np.ndarray) -> float:
+    """Line pressure at full pedal, Pa.
+
+    Args:
+        vehicle: its weight and wheel radius.
+        figures: completed ones.
+        gains: (4,) torque per pressure of the wheels, N·m/Pa.
+    """
+    if figures.brakes.largest_pressure is not None:
+        return figures.brakes.largest_pressure
+    hardest = figures.brakes.hardest * vehicle.mass * GRAVITY * vehicle.wheels.radius
+    return min(_PRESSURE, hardest / max(float(gains.sum()), 1e-12))
 
 
 def load_plant_figures(path: str | Path) -> PlantFigures:
@@ -187,14 +263,16 @@ def load_plant_figures(path: str | Path) -> PlantFigures:
         content = read_yaml(raw.decode("utf-8-sig"), where)
     except UnicodeDecodeError as error:
         raise InputError("is not text in UTF-8", where=where, mend="is it a plant file?") from error
+    return _validated({k: v for k, v in content.data.items() if v is not None}, where, content.lines)
+
+
+def _validated(sections: dict[str, Any], where: str, lines: Mapping[Any, int]) -> PlantFigures:
     try:
-        return PlantFigures.model_validate({k: v for k, v in content.data.items() if v is not None})
+        return PlantFigures.model_validate(sections)
     except ValidationError as error:
         detail = error.errors(include_url=False, include_input=False)[0]
         key = detail["loc"]
-        line = next(
-            (content.lines[key[:n]] for n in range(len(key), 0, -1) if key[:n] in content.lines), None
-        )
+        line = next((lines[key[:n]] for n in range(len(key), 0, -1) if key[:n] in lines), None)
         place = f"{where}, line {line}" if line else where
         name = ".".join(str(k)[:80] for k in key)
         raise InputError(detail["msg"], where=f"{place}: {name}", mend="see docs/plant.md") from None

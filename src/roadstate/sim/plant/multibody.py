@@ -57,20 +57,20 @@ class State(NamedTuple):
 
     Attributes:
         motion: continuous states.
-        slip: (2, 4) transient slips κ' and tan α' of the tires.
+        slip: (2, N) transient slips κ' and tan α' of the tires.
         memory: the driveline's.
         brakes: pressures and controls.
         rates: derivative of the motion half a step ago.
-        slip_growth, slip_decay: (2, 4) of the transient slips half a step ago.
+        slip_growth, slip_decay: (2, N) of the transient slips half a step ago.
     """
 
     motion: Motion
-    slip: Float[Array, "2 4"]
+    slip: Float[Array, "2 N"]
     memory: Memory
     brakes: BrakeState
     rates: Motion
-    slip_growth: Float[Array, "2 4"]
-    slip_decay: Float[Array, "2 4"]
+    slip_growth: Float[Array, "2 N"]
+    slip_decay: Float[Array, "2 N"]
 
 
 class Instant(NamedTuple):
@@ -79,6 +79,8 @@ class Instant(NamedTuple):
     Attributes:
         rates: derivative of the motion.
         contact, frame, ground: of the tires.
+        wheel_force: (3, 4) of the road on each wheel along the body's axes, N.
+        wheel_moment: (3, 4) its moment about the wheel's centre, N·m.
         drive: of the driveline.
         brake_torque: (4,) on each wheel, N·m, with its sign.
         to_carrier: (4,) wheel speeds against their carriers, rad/s.
@@ -95,6 +97,8 @@ class Instant(NamedTuple):
     contact: Contact
     frame: Frame
     ground: Ground
+    wheel_force: Numbers
+    wheel_moment: Numbers
     drive: Drive
     brake_torque: Numbers
     to_carrier: Numbers
@@ -132,7 +136,7 @@ class Aerodynamics(eqx.Module):
 
 
 class MultibodyPlant(eqx.Module):
-    """6 of the body, 4 travels, 4 spins, 1 steering; 8 transient slips, 3 turning parts of the driveline.
+    """6 of the body, 4 travels, 4 spins, 1 steering; 2N transient slips, 3 turning parts of the driveline.
 
     Build one by :func:`roadstate.sim.plant.multibody_plant`.
 
@@ -165,7 +169,7 @@ class MultibodyPlant(eqx.Module):
         Args:
             road: under the car.
             motion: continuous states.
-            slip: (2, 4) transient slips.
+            slip: (2, N) transient slips.
             actuators: driveline's memory and brakes in force.
             controls: the driver's.
             start: spins against the carriers (4,) and turning parts (3,) at the step's start: dry friction
@@ -173,27 +177,30 @@ class MultibodyPlant(eqx.Module):
             dt: s.
         """
         memory, brakes = actuators
-        chassis, h = self.chassis, jnp.asarray(dt, motion.velocity.dtype)
+        chassis, tires, h = self.chassis, self.tires, jnp.asarray(dt, motion.velocity.dtype)
         steer_angle, steer_gain = self.steering.angles(motion.steer)
         R = rotation(motion.attitude)
         under = road.at(motion.road[0], motion.road[1])
         centres = chassis.wheel_centres(motion.travel)
         axis = self.steering.axes(chassis, motion.travel, steer_angle)
-        surface = ground(road, motion.position, R, motion.road, centres, under)
-        frame = Frame(*settled(*frames(axis, surface)))
+        tire_axis = tires.of_wheels(axis)
+        feet = tires.of_wheels(centres) + tires.beside * tire_axis
+        surface = ground(road, motion.position, R, motion.road, feet, under)
+        frame = Frame(*settled(*frames(tire_axis, surface, tires.beside)))
 
-        turning = chassis.carrier_turn * motion.travel_rate
+        turning = chassis.turned(motion.travel_rate)
         turning = turning + chassis.steering_axis * (steer_gain * motion.steer_rate)
         carrier_rate = motion.rate[:, None] + turning
         about_axis = dot(carrier_rate, axis)
         hub = chassis.velocities(motion.velocity, motion.rate, motion.travel_rate, centres)
-        velocity = hub + cross(carrier_rate - about_axis * axis, frame.arm)
-        contact = self.tires.contact(frame, velocity, motion.spin, slip, surface.friction)
+        velocity = tires.of_wheels(hub) + cross(tires.of_wheels(carrier_rate - about_axis * axis), frame.arm)
+        contact = tires.contact(frame, velocity, tires.of_wheels(motion.spin), slip, surface.friction)
+        force, moment = tires.summed(contact.force), tires.summed(contact.moment)
 
         to_body = motion.spin - dot(motion.rate, axis)
         to_carrier = motion.spin - about_axis
         drive = self.driveline.drive(memory, motion.parts, start[1], to_body, h)
-        turned = dot(contact.moment, axis)
+        turned = dot(moment, axis)
         free = turned + drive.shaft_torque + drive.motor_torque
         stopping = chassis.spin_inertia * start[0] / h + free
         capacity = self.brakes.gain * brakes.pressure
@@ -201,7 +208,7 @@ class MultibodyPlant(eqx.Module):
         spin_accel = (free + brake_torque) / chassis.spin_inertia
 
         gyroscopic = cross(carrier_rate, axis * (chassis.spin_inertia * motion.spin))
-        on_carrier = contact.moment - (turned + brake_torque + drive.motor_torque) * axis - gyroscopic
+        on_carrier = moment - (turned + brake_torque + drive.motor_torque) * axis - gyroscopic
         drag, drag_torque = self.aerodynamics.force(motion.velocity)
         gravity = -GRAVITY * R[2]
         shafts = -jnp.sum(drive.shaft_torque * axis, axis=1)
@@ -212,7 +219,7 @@ class MultibodyPlant(eqx.Module):
             motion.travel_rate,
             centres,
             gravity,
-            Loads(contact.force, on_carrier, travel_force, drag, drag_torque + shafts),
+            Loads(force, on_carrier, travel_force, drag, drag_torque + shafts),
         )
         steer_torque = self.steering.spring(motion.steer, motion.steer_rate, controls.steering_wheel)
         on_steering = jnp.sum(steer_gain * dot(chassis.steering_axis, on_carrier))
@@ -233,15 +240,15 @@ class MultibodyPlant(eqx.Module):
             parts=drive.derivative,
         )
         return Instant(
-            rates, contact, frame, surface, drive, brake_torque, to_carrier, to_body, accelerations, gravity,
-            drag, drag_torque, steer_angle, steer_torque,
+            rates, contact, frame, surface, force, moment, drive, brake_torque, to_carrier, to_body,
+            accelerations, gravity, drag, drag_torque, steer_angle, steer_torque,
         )  # fmt: skip
 
     def wheel_speed(self, motion: Motion) -> Numbers:
         """(4,) against the carriers, rad/s."""
         angle, gain = self.steering.angles(motion.steer)
         axis = self.steering.axes(self.chassis, motion.travel, angle)
-        turning = self.chassis.carrier_turn * motion.travel_rate
+        turning = self.chassis.turned(motion.travel_rate)
         turning = turning + self.chassis.steering_axis * (gain * motion.steer_rate)
         return motion.spin - dot(motion.rate[:, None] + turning, axis)
 

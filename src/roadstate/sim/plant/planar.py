@@ -12,6 +12,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from roadstate.core.errors import InputError
 from roadstate.sim.plant.base import Controls, Road, Truth
+from roadstate.sim.plant.figures import full_pedal, usual_figures
 from roadstate.sim.plant.vectors import rotation
 from roadstate.tires.base import TireModel, as_leaf
 from roadstate.tires.smooth import Numbers
@@ -23,7 +24,7 @@ from roadstate.vehicles.seven_dof import SevenDof
 from roadstate.vehicles.three_dof import ThreeDof
 
 _LAUNCH = 0.5  # largest drive force over weight, as the reference plant's
-_PRESSURE = 1.2e7  # Pa at full pedal
+_PRESSURE = 1.2e7  # Pa with which brakes stop the car that are in no file
 
 
 class PlanarState(NamedTuple):
@@ -60,6 +61,7 @@ class PlanarPlant(eqx.Module):
         steering_ratio: steering-wheel angle over road-wheel angle.
         largest_torque: (4,) at full throttle, N·m.
         brake_gain: (4,) torque per pressure, N·m/Pa.
+        largest_pressure: at full pedal, Pa.
         integrator: of the model.
         inner_step: s.
     """
@@ -68,6 +70,7 @@ class PlanarPlant(eqx.Module):
     steering_ratio: Numbers = eqx.field(converter=as_leaf)
     largest_torque: Numbers = eqx.field(converter=as_leaf)
     brake_gain: Numbers = eqx.field(converter=as_leaf)
+    largest_pressure: Numbers = eqx.field(converter=as_leaf)
     integrator: Integrator = eqx.field(default_factory=LinearlyImplicit)
     inner_step: float = eqx.field(default=0.001, static=True)
 
@@ -102,6 +105,7 @@ class PlanarPlant(eqx.Module):
             steering_ratio=as_leaf(vehicle.steering.ratio),
             largest_torque=as_leaf(0.5 * _LAUNCH * weight * np.array(share[vehicle.driveline.driven])),
             brake_gain=as_leaf(np.repeat(gains, 2)),
+            largest_pressure=as_leaf(full_pedal(vehicle, usual_figures(vehicle), np.repeat(gains, 2))),
         )
 
     def _inputs(self, controls: Controls) -> dict[str, Any]:
@@ -111,7 +115,9 @@ class PlanarPlant(eqx.Module):
             return steer | {f"slip_{w}": controls.wheel_slip[i] for i, w in enumerate(wheels)}
         direction = jnp.where(controls.gear == -1, -1.0, jnp.where(controls.gear == 0, 0.0, 1.0))
         drive = direction * controls.throttle * self.largest_torque + controls.wheel_torque
-        brake = self.brake_gain * jnp.maximum(controls.brake * _PRESSURE + controls.brake_pressure, 0)
+        brake = self.brake_gain * jnp.maximum(
+            controls.brake * self.largest_pressure + controls.brake_pressure, 0
+        )
         torques = {f"drive_torque_{w}": drive[i] for i, w in enumerate(wheels)}
         return steer | torques | {f"brake_torque_{w}": brake[i] for i, w in enumerate(wheels)}
 
@@ -197,7 +203,7 @@ class PlanarPlant(eqx.Module):
         spinning = isinstance(self.model, SevenDof)
         speeds = state.x[3:7] if spinning else zeros
         drive = controls.wheel_torque + controls.throttle * self.largest_torque if spinning else zeros
-        pressure = jnp.maximum(controls.brake * _PRESSURE + controls.brake_pressure, 0)
+        pressure = jnp.maximum(controls.brake * self.largest_pressure + controls.brake_pressure, 0)
         return Truth(
             position=above,
             attitude=attitude,

@@ -36,7 +36,7 @@ class Steering(eqx.Module):
     def axes(self, chassis: Chassis, travel: Numbers, angle: Numbers) -> Numbers:
         """(3, 4) axes of the wheels, to the left, along the body's axes."""
         left = jnp.asarray([[0.0], [1.0], [0.0]], travel.dtype)
-        leaning = unit(left + cross(chassis.carrier_turn * travel, jnp.broadcast_to(left, (3, 4))))
+        leaning = unit(left + cross(chassis.turned(travel), jnp.broadcast_to(left, (3, 4))))
         k, cos, sin = chassis.steering_axis, jnp.cos(angle), jnp.sin(angle)
         return leaning * cos + cross(k, leaning) * sin + k * (dot(k, leaning) * (1 - cos))
 

@@ -18,7 +18,8 @@ class Suspension(eqx.Module):
         damping_bump, damping_rebound: (4,) N·s/m.
         bump_travel, rebound_travel: (4,) where the stops begin, m, both positive.
         stop_stiffness: (4,) N/m on top of the spring's.
-        bar_stiffness: (4,) of the axle's anti-roll bar: force per difference of the travels, N/m.
+        bar_stiffness: (4,) of the axle's anti-roll bar: force per difference of the travels, N/m; less than
+            zero where the springs of a rigid axle stand closer together than its wheels.
     """
 
     preload: Numbers = eqx.field(converter=as_leaf)

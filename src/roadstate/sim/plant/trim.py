@@ -42,7 +42,7 @@ def trimmed(plant: MultibodyPlant, road: Road, speed: ArrayLike, s: ArrayLike, d
         body, rate = now.accelerations.velocity, now.accelerations.rate
         lost = jnp.where(parked, body[:2], x[7:])
         residual = jnp.concatenate([body[2:], rate[:2], now.accelerations.travel, lost])
-        return residual, now.contact.velocity_x / now.contact.effective_radius
+        return residual, plant.tires.mean(now.contact.velocity_x / now.contact.effective_radius)
 
     # one compiled evaluation for the point and its nine neighbours: a Jacobian traced through takes longer to
     # compile than all else
@@ -77,7 +77,8 @@ def _state(plant: MultibodyPlant, road: Road, v: Numbers, s: Numbers, d: Numbers
     tangent = jnp.stack([jnp.cos(point.heading), jnp.sin(point.heading), along])
     velocity = to_body(R, v * tangent / jnp.sqrt(1 + along**2))
     zero, zeros = jnp.zeros((), v.dtype), jnp.zeros(4, v.dtype)
-    spin = jnp.where(parked, 0.0, v / plant.tires.effective_radius(plant.tires.nominal_deflection))
+    radius = plant.tires.mean(plant.tires.effective_radius(plant.tires.nominal_deflection))
+    spin = jnp.where(parked, 0.0, v / radius)
     parts, memory = plant.driveline.start(spin)
     motion = Motion(
         position=jnp.stack([point.x, point.y, height]),
@@ -95,6 +96,7 @@ def _state(plant: MultibodyPlant, road: Road, v: Numbers, s: Numbers, d: Numbers
     pressure = jnp.where(parked, plant.brakes.largest_pressure, 0.0) * jnp.ones(4, v.dtype)
     ones = jnp.ones(4, v.dtype)
     slip = jnp.stack([x[7] * ones, x[8] * ones])
+    slip = plant.tires.of_wheels(slip)
     still = jax.tree.map(jnp.zeros_like, motion)
     unmoved = jnp.zeros_like(slip)
     return State(motion, slip, memory, BrakeState(pressure, ones, ones), still, unmoved, unmoved)

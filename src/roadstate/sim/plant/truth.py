@@ -19,7 +19,10 @@ if TYPE_CHECKING:
 
 
 def truth_of(plant: MultibodyPlant, state: State, now: Instant) -> Truth:
-    """Everything worth knowing; the road under the car is the plane through the four contacts.
+    """Everything worth knowing; the road under the car is the plane through the four wheels' contacts.
+
+    Of dual tires: forces and loads in sum, the mean of slips and cambers, and the friction that both have
+    together.
 
     Args:
         plant: the car.
@@ -27,8 +30,8 @@ def truth_of(plant: MultibodyPlant, state: State, now: Instant) -> Truth:
         now: what follows from it.
     """
     motion, contact, drive = state.motion, now.contact, now.drive
-    R = rotation(motion.attitude)
-    feet = to_world(R, plant.chassis.wheel_centres(motion.travel) + now.frame.arm)
+    tires, R = plant.tires, rotation(motion.attitude)
+    feet = to_world(R, plant.chassis.wheel_centres(motion.travel) + tires.mean(now.frame.arm))
     ahead = feet[:, 0] + feet[:, 1] - feet[:, 2] - feet[:, 3]
     aside = feet[:, 0] + feet[:, 2] - feet[:, 1] - feet[:, 3]
     normal = to_body(R, unit(cross(ahead, aside)))
@@ -36,7 +39,12 @@ def truth_of(plant: MultibodyPlant, state: State, now: Instant) -> Truth:
     left = cross(normal, forward)
     rise, tilt = dot(R[2], forward), dot(R[2], left)
     grade = jnp.arcsin(rise)
-    rolling = contact.effective_radius * motion.spin
+    rolling = contact.effective_radius * tires.of_wheels(motion.spin)
+    load = tires.summed(contact.load)
+    friction = tires.mean(now.ground.friction)
+    if len(tires.wheel) > 4:
+        shared = tires.summed(contact.load * now.ground.friction) / jnp.where(load > 0, load, 1)
+        friction = jnp.where(load > 0, shared, friction)
     accel = now.accelerations.velocity + cross(motion.rate, motion.velocity)
     return Truth(
         position=motion.position,
@@ -51,14 +59,14 @@ def truth_of(plant: MultibodyPlant, state: State, now: Instant) -> Truth:
         bank=jnp.arcsin(tilt / jnp.cos(grade)),
         wheel_speed=now.to_carrier,
         steer=now.steer_angle,
-        force_x=contact.force_x,
-        force_y=contact.force_y,
-        load=contact.load,
-        force_body=contact.force.T,
-        slip=practical_slip(rolling, contact.velocity_x),
-        slip_angle=slip_angle(contact.velocity_x, contact.velocity_y),
-        camber=now.frame.camber,
-        friction=now.ground.friction,
+        force_x=tires.summed(contact.force_x),
+        force_y=tires.summed(contact.force_y),
+        load=load,
+        force_body=now.wheel_force.T,
+        slip=tires.mean(practical_slip(rolling, contact.velocity_x)),
+        slip_angle=tires.mean(slip_angle(contact.velocity_x, contact.velocity_y)),
+        camber=tires.mean(now.frame.camber),
+        friction=friction,
         drive_torque=drive.shaft_torque + drive.motor_torque,
         brake_torque=now.brake_torque,
         brake_pressure=state.brakes.pressure,
@@ -126,14 +134,15 @@ def energy_of(plant: MultibodyPlant, state: State, now: Instant, controls: Contr
         potential = potential + 0.5 * line.stiffness * parts[2] ** 2
         engine = drive.engine_torque * parts[0]
     suspension = -jnp.sum(plant.suspension.damping(motion.travel_rate) * motion.travel_rate)
-    stored = plant.tires.count * plant.tires.stiffness
+    stored = plant.tires.stiffness
     pressed = jnp.maximum(plant.tires.radius - frame.loaded_radius, 0)
-    turn = chassis.carrier_turn * motion.travel_rate
+    turn = chassis.turned(motion.travel_rate)
     _, gain = steering.angles(motion.steer)
     turn = turn + chassis.steering_axis * (gain * motion.steer_rate) + motion.rate[:, None]
-    wheel_rate = turn + (motion.spin - dot(turn, frame.axis)) * frame.axis
+    axis = steering.axes(chassis, motion.travel, now.steer_angle)
+    wheel_rate = turn + (motion.spin - dot(turn, axis)) * axis
     hub = chassis.velocities(motion.velocity, motion.rate, motion.travel_rate, centres)
-    road_power = jnp.sum(dot(contact.force, hub) + dot(contact.moment, wheel_rate))
+    road_power = jnp.sum(dot(now.wheel_force, hub) + dot(now.wheel_moment, wheel_rate))
     elastic = jnp.sum(stored * pressed * contact.velocity_z)
     vertical = jnp.sum(contact.load * contact.velocity_z)
     return Energy(

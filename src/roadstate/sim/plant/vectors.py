@@ -61,7 +61,7 @@ def attitude_rate(attitude: Numbers, rate: Numbers) -> Numbers:
 
 
 def settled(*parts: Numbers) -> tuple[Numbers, ...]:
-    """The same arrays, (4,) or (k, 4), evaluated here and once.
+    """The same arrays, (N,) or (k, N), evaluated here and once.
 
     On a CPU the compiler fuses elementwise code into each of its uses and evaluates it anew in every one,
     sines and arc tangents too, and an optimisation barrier is gone before it does. A matrix product is a call

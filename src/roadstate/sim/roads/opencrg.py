@@ -15,7 +15,7 @@ from roadstate.core.errors import InputError
 from roadstate.core.yaml_text import short
 from roadstate.sim.roads.centreline import from_tables
 from roadstate.sim.roads.files import read_bytes
-from roadstate.sim.roads.surface import Surface
+from roadstate.sim.roads.surface import Surface, smooth_across
 
 if TYPE_CHECKING:
     from roadstate.sim.roads.friction import FrictionMap
@@ -281,7 +281,7 @@ def _surface(header: _Header, values: Array, where: str) -> Surface:
         height = np.array(grid)
     else:
         height = np.stack([np.interp(across, places[k], z[k]) for z, k in zip(grid, known, strict=True)])
-    knots = np.stack([height, np.gradient(height, axis=0)], axis=-1)
+    knots = smooth_across(np.stack([height, np.gradient(height, axis=0)], axis=-1), level_edges=False)
     return Surface(
         knots=jnp.asarray(knots),
         start=jnp.asarray(header.start),

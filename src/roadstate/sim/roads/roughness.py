@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from roadstate.core import InputError
 from roadstate.core import numerics as numerics  # float64 before the first array
-from roadstate.sim.roads.surface import Surface
+from roadstate.sim.roads.surface import Surface, smooth_across
 
 Array = NDArray[np.floating[Any]]
 
@@ -22,7 +22,7 @@ LOWEST, HIGHEST = 0.011, 2.83
 """Range of spatial frequencies in cycles/m (ISO 8608:2016, annex C)."""
 _STEP = 0.05  # m between the rows: seven to the shortest wave
 _SPACING = 0.25  # m between the lines
-_LARGEST = 20_000_000  # numbers in a surface
+_LARGEST = 20_000_000  # knots of a surface
 
 
 def displacement_psd(frequency: Array, road_class: str) -> Array:
@@ -105,7 +105,7 @@ def rough_surface(
     height = np.fft.irfft(waves, rows, axis=0) * rows
     slope = np.fft.irfft(waves * (2j * np.pi * frequency[:, None]), rows, axis=0) * rows
     return Surface(
-        knots=jnp.asarray(np.stack([height, slope * step], axis=-1)),
+        knots=jnp.asarray(smooth_across(np.stack([height, slope * step], axis=-1), level_edges=True)),
         start=jnp.asarray(0.0),
         right=jnp.asarray(-0.5 * float(distance[-1])),
         step=jnp.asarray(step),
