@@ -24,7 +24,7 @@ from roadstate.estimators.signals import (
     random_walk_growth,
     signed_direction,
 )
-from roadstate.estimators.traction import Traction, TractionMeter, TractionState
+from roadstate.estimators.traction import BrakeWatch, Traction, TractionMeter, TractionState
 from roadstate.filters import UKF, FilterState, GateRule
 from roadstate.linalg import root
 from roadstate.statespace import StateSpaceModel
@@ -39,9 +39,6 @@ _WANDER = 0.3  # m/s²/√s: how the drive's acceleration wanders while no torqu
 _TORQUE_TIME = 0.1  # s: correlation time of the torque signal's noise
 _BRAKE_TIME = 1.0  # s: of the error of a brake's force
 _UNKNOWN = {"shift": 1.5, "brake": 6.0, "drive": 3.0}  # m/s²/√Hz: intensity of a force that is not known
-_BRAKE_LAG = 0.3  # s: filter of the acceleration that betrays a brake
-_BRAKE_SIGN = 0.8  # m/s²: missing specific force that betrays a brake while the engine pulls
-_BRAKE_SIGN_COASTING = 0.3  # m/s²: the same with the pedal released, when a brake is likely
 _UNSEEN_BRAKE = 0.15  # m/s²: 1σ of a brake too light to be recognised, with the pedal released
 _COASTING = 0.4  # m/s²: drive below which the pedal counts as released
 
@@ -105,8 +102,7 @@ class DrivingModel(StateSpaceModel):
 class DEBEState(NamedTuple):
     """Filter state, held inputs, what the driveline did, and the latest validity.
 
-    ``missing`` is the low-passed specific force (m/s²) that the drive does not explain; ``force_error`` the
-    1σ (in units of g) that parameters not known exactly add to the grade.
+    ``force_error`` is the 1σ (in units of g) that parameters not known exactly add to the grade.
     """
 
     filter: FilterState
@@ -114,7 +110,7 @@ class DEBEState(NamedTuple):
     yaw_rate: Held
     steer: Held
     accel: Held
-    missing: Float[Array, ""]
+    brakes: BrakeWatch
     speed_age: Float[Array, ""]
     force_error: Float[Array, ""]
     validity: Int[Array, ""]
@@ -227,7 +223,8 @@ class DEBE(Estimator[DEBEState]):
         empty, zero = Held.empty(), jnp.zeros(())
         validity = jnp.asarray(int(Validity.SENSOR_MISSING))
         start = self.filter.init(self.model)
-        return DEBEState(start, self.traction.init(), empty, empty, empty, zero, empty.age, zero, validity)
+        traction, brakes = self.traction.init(), BrakeWatch(zero)
+        return DEBEState(start, traction, empty, empty, empty, brakes, empty.age, zero, validity)
 
     def step(self, state: DEBEState, sample: Sample, dt: Float[Array, ""]) -> tuple[DEBEState, Info]:
         """Predict with the drive's force, correct with the speed."""
@@ -242,11 +239,9 @@ class DEBE(Estimator[DEBEState]):
         known = drive.age < _STALE
         push = jnp.where(known, drive.force / self.mass, 0.0)
         explained = push - self.model.resistance(speed, grade) - cornering
-        lag = -jnp.expm1(-dt / _BRAKE_LAG)
-        short = jnp.where(accel.age == 0, accel.value - explained - state.missing, 0.0)
-        missing = state.missing + lag * short
+        watch = state.brakes.take(accel, explained, dt)
         coasting = drive.drive_force < _COASTING * self.mass
-        braking, unknown = self._brakes(drive, coasting, accel, missing)
+        braking, unknown = self._brakes(drive, coasting, accel, watch)
         stands = jnp.abs(speed) < STANDSTILL_SPEED
         intensity = jnp.hypot(_MODEL_NOISE, drive.torque_std / self.mass * _TORQUE_TIME**0.5)
         intensity = jnp.hypot(intensity, drive.brake_std / self.mass * _BRAKE_TIME**0.5)
@@ -284,20 +279,19 @@ class DEBE(Estimator[DEBEState]):
             + jnp.where(coasting & (not self.traction.knows_brakes), _UNSEEN_BRAKE / GRAVITY, 0.0) ** 2
         )
         new = DEBEState(
-            filter_state, traction_state, yaw_rate, steer, accel, missing, speed_age, error, validity
+            filter_state, traction_state, yaw_rate, steer, accel, watch, speed_age, error, validity
         )
         return new, info
 
     def _brakes(
-        self, drive: Traction, coasting: Bool[Array, ""], accel: Held, missing: Float[Array, ""]
+        self, drive: Traction, coasting: Bool[Array, ""], accel: Held, watch: BrakeWatch
     ) -> tuple[Bool[Array, ""], Bool[Array, ""]]:
         """Whether brakes act, and whether with a force that is not known."""
         if self.traction.knows_brakes:
             return drive.is_braking, drive.is_brake_unknown
         suspected = coasting
         if "accel_x" in self.channels:
-            limit = jnp.where(coasting, _BRAKE_SIGN_COASTING, _BRAKE_SIGN)
-            suspected = (missing < -limit) & (accel.age < _SILENT)
+            suspected = watch.suspects(coasting) & (accel.age < _SILENT)
         return suspected, suspected
 
     def estimate(self, state: DEBEState) -> Estimate:

@@ -26,6 +26,10 @@ _RATIO_RATE = 0.35  # 1/s: relative rate of change of a measured ratio that mean
 _BRAKE_RELATIVE = 0.2  # 1σ of a brake's torque per pressure (pads, temperature)
 _LEAST_BRAKING = 0.15  # m/s²: measured brake torque below it is noise or drag
 _LEAST_PRESSURE = 1e5  # Pa: as much holds the pads back
+_BRAKE_LAG = 0.3  # s: filter of the acceleration that betrays a brake
+_BRAKE_SIGN = 0.8  # m/s²: missing specific force that betrays a brake while the engine pulls
+_BRAKE_SIGN_COASTING = 0.3  # m/s²: the same with the pedal released, when a brake is likely
+_DRIVE = tuple(f"drive_torque_{w}" for w in WHEELS)
 
 
 class Traction(NamedTuple):
@@ -41,6 +45,8 @@ class Traction(NamedTuple):
         is_shifting: the driveline is open, slipping or changing gear.
         is_braking: a brake channel says that brakes act.
         is_brake_unknown: they act with a force that no channel tells.
+        drive_torque: (4,) N·m, the drive's part at each wheel.
+        brake_torque: (4,) N·m, the brakes' at each wheel as far as it is known, a magnitude.
     """
 
     force: Float[Array, ""]
@@ -52,6 +58,27 @@ class Traction(NamedTuple):
     is_shifting: Bool[Array, ""]
     is_braking: Bool[Array, ""]
     is_brake_unknown: Bool[Array, ""]
+    drive_torque: Float[Array, " 4"]
+    brake_torque: Float[Array, " 4"]
+
+
+class BrakeWatch(NamedTuple):
+    """Betrays brakes that no channel tells of: specific force is what tires and air do, whatever the slope.
+
+    Attributes:
+        missing: low-passed specific force (m/s²) that is there beyond what the drive explains.
+    """
+
+    missing: Float[Array, ""]
+
+    def take(self, accel: Held, explained: Float[Array, ""], dt: Float[Array, ""]) -> BrakeWatch:
+        """A sample later; ``explained`` is the specific force (m/s²) of what is known to act."""
+        short = jnp.where(accel.age == 0, accel.value - explained - self.missing, 0.0)
+        return BrakeWatch(self.missing - jnp.expm1(-dt / _BRAKE_LAG) * short)
+
+    def suspects(self, coasting: Bool[Array, ""]) -> Bool[Array, ""]:
+        """Whether so much is missing that brakes act; released pedals make it likelier."""
+        return self.missing < -jnp.where(coasting, _BRAKE_SIGN_COASTING, _BRAKE_SIGN)
 
 
 class TractionState(NamedTuple):
@@ -88,15 +115,16 @@ class TractionMeter(eqx.Module):
     _efficiency: Float[Array, ""]
     _final_drive: Float[Array, ""]
     _single_ratio: Float[Array, ""]
+    _split: Float[Array, " 4"]
     _ratio_range: Float[Array, " 2"]
     _brake_gain: Float[Array, " 4"]
 
     def __init__(self, vehicle: Vehicle, available: Collection[str]) -> None:
         driveline = vehicle.driveline
         ratios = [r * driveline.final_drive for r in driveline.gear_ratios] or [driveline.final_drive]
-        wheels = tuple(f"drive_torque_{w}" for w in WHEELS if f"drive_torque_{w}" in available)
-        driven = {"front": WHEELS[:2], "rear": WHEELS[2:], "all": WHEELS}[driveline.driven]
-        unseen = [f"drive_torque_{w}" for w in driven if f"drive_torque_{w}" not in wheels]
+        driven = {"front": _DRIVE[:2], "rear": _DRIVE[2:], "all": _DRIVE}[driveline.driven]
+        wheels = tuple(w for w in driven if w in available)  # a sensor elsewhere would add its error only
+        unseen = [w for w in driven if w not in wheels]
         if not unseen:
             self.source, used = "wheels", wheels
             self._torque_noise = jnp.asarray(vehicle.sensors.wheel_torque.noise * len(wheels) ** 0.5)
@@ -135,6 +163,7 @@ class TractionMeter(eqx.Module):
         self._efficiency = jnp.asarray(driveline.efficiency)
         self._final_drive = jnp.asarray(driveline.final_drive)
         self._single_ratio = jnp.asarray(ratios[0])
+        self._split = jnp.asarray(np.array([(w in driven) / len(driven) for w in _DRIVE]))
         self._ratio_range = jnp.asarray(np.array([0.85 * min(ratios), 1.15 * max(ratios)]))
         gains = (0.0, 0.0)
         if vehicle.brakes is not None:
@@ -159,7 +188,9 @@ class TractionMeter(eqx.Module):
         held = {c: state.held[c].take(sample[c], dt) for c in self.channels}
         ratio, since_shift, is_shifting = self._gear(state, held, speed, dt)
         if self.source == "wheels":
-            torque = sum((held[w].value for w in self._wheels), jnp.zeros(()))
+            zero = jnp.zeros(())
+            each = jnp.stack([held[w].value if w in held else zero for w in _DRIVE])
+            torque = jnp.sum(each)
             age = jnp.max(jnp.stack([held[w].age for w in self._wheels]))
             drive, lever = torque / self._radius, 1 / self._radius
         else:
@@ -170,7 +201,9 @@ class TractionMeter(eqx.Module):
             is_driving = engine.value * turning > 0
             lever = ratio / self._radius * jnp.where(is_driving, self._efficiency, 1 / self._efficiency)
             drive = engine.value * lever
-        brake, pressed = self._brakes(held)
+            each = drive * self._radius * self._split
+        braking, pressed = self._brakes(held)
+        brake = jnp.sum(braking) / self._radius
         inertia = self._mass + self._engine_inertia * (ratio / self._radius) ** 2
         traction = Traction(
             force=drive - brake * jnp.sign(speed),
@@ -180,8 +213,10 @@ class TractionMeter(eqx.Module):
             inertia=inertia,
             age=age,
             is_shifting=is_shifting,
-            is_braking=pressed | (brake > _LEAST_BRAKING * self._mass),
+            is_braking=pressed | (brake > 0),
             is_brake_unknown=pressed & (not self._measures_brakes),
+            drive_torque=each,
+            brake_torque=braking,
         )
         return TractionState(held, ratio, since_shift), traction
 
@@ -210,16 +245,24 @@ class TractionMeter(eqx.Module):
         since = jnp.where(changed, 0.0, state.since_shift + dt)
         return ratio, since, is_open | (since < _SHIFT_TIME)
 
-    def _brakes(self, held: dict[str, Held]) -> tuple[Float[Array, ""], Bool[Array, ""]]:
-        """Known brake force (N, ≥ 0) and whether pedal or pressure say that brakes act."""
-        torque = jnp.zeros(())
+    def _brakes(self, held: dict[str, Held]) -> tuple[Float[Array, " 4"], Bool[Array, ""]]:
+        """Known brake torques (N·m, ≥ 0) and whether pedal or pressure say that brakes act.
+
+        Magnitudes of sensors' noise have a mean: what nobody brakes for counts only above a threshold.
+        """
+        torques = []
         pressed = jnp.zeros((), bool)
         for i, wheel in enumerate(WHEELS):
+            torque = jnp.zeros(())
             if f"brake_torque_{wheel}" in held:
-                torque += jnp.abs(held[f"brake_torque_{wheel}"].value)
+                torque = jnp.abs(held[f"brake_torque_{wheel}"].value)
             elif f"brake_pressure_{wheel}" in held:
-                torque += self._brake_gain[i] * jnp.abs(held[f"brake_pressure_{wheel}"].value)
+                torque = self._brake_gain[i] * jnp.abs(held[f"brake_pressure_{wheel}"].value)
+            if f"brake_pressure_{wheel}" in held:
                 pressed |= held[f"brake_pressure_{wheel}"].value > _LEAST_PRESSURE
+            torques.append(torque)
         if "brake" in held:
             pressed |= held["brake"].value > 0
-        return torque / self._radius, pressed
+        torque = jnp.stack(torques)
+        acts = pressed | (jnp.sum(torque) > _LEAST_BRAKING * self._mass * self._radius)
+        return jnp.where(acts, torque, 0.0), pressed
