@@ -301,3 +301,36 @@ def test_derivatives_are_finite(vehicle: Vehicle, channels: tuple[str, ...], spe
         slopes = gradient(meter, {c: jnp.asarray(fill) for c in meter.channels})
         for leaf in jax.tree.leaves(slopes):
             assert np.isfinite(leaf).all()
+
+
+class TestEachWheel:
+    def test_torques_of_each_wheel_sum_to_the_force(self, vehicle: Vehicle, R: float) -> None:
+        channels = {"drive_torque_fl", "drive_torque_fr", *(f"brake_torque_{w}" for w in WHEELS)}
+        brakes = {f"brake_torque_{w}": 100.0 * (i + 1) for i, w in enumerate(WHEELS)}
+        traction = once(
+            TractionMeter(vehicle, channels), drive_torque_fl=310.0, drive_torque_fr=300.0, **brakes
+        )
+        np.testing.assert_array_equal(traction.drive_torque, [310, 300, 0, 0])
+        np.testing.assert_array_equal(traction.brake_torque, [100, 200, 300, 400])
+        assert float(traction.force) == pytest.approx((610 - 1000) / R)
+
+    def test_an_engines_torque_is_shared_by_the_driven_wheels(self, vehicle: Vehicle, R: float) -> None:
+        traction = once(TractionMeter(vehicle, set(ENGINE)), engine_torque=100.0, gear_ratio=1.28)
+        shares = np.asarray(traction.drive_torque)
+        assert shares[0] == shares[1] > 0
+        assert (shares[2:] == 0).all()
+        assert shares.sum() == pytest.approx(float(traction.drive_force) * R)
+
+    def test_a_torque_sensor_on_a_wheel_that_is_not_driven_is_not_read(self, vehicle: Vehicle) -> None:
+        meter = TractionMeter(vehicle, {f"drive_torque_{w}" for w in WHEELS})
+        assert set(meter.channels) == {"drive_torque_fl", "drive_torque_fr"}
+
+    @pytest.mark.parametrize(("pedal", "counts"), [(None, False), (0.0, False), (1.0, True)])
+    def test_brake_torques_as_small_as_noise_count_while_the_pedal_says_so(
+        self, vehicle: Vehicle, pedal: float | None, counts: bool
+    ) -> None:
+        """Noise of magnitudes has a mean: four wheels' worth of 8 N·m would be 0.7 % of grade."""
+        sample = {f"brake_torque_{w}": 8.0 for w in WHEELS} | ({} if pedal is None else {"brake": pedal})
+        meter = TractionMeter(vehicle, {"drive_torque_fl", "drive_torque_fr", *sample})
+        traction = once(meter, drive_torque_fl=0.0, drive_torque_fr=0.0, **sample)
+        assert float(traction.brake_torque.sum()) == (32.0 if counts else 0.0)

@@ -15,6 +15,7 @@ from roadstate.core.errors import InputError
 from roadstate.estimators.base import Need, Sample, leaf
 from roadstate.estimators.signals import Held
 from roadstate.estimators.velocity import STALE, Motion, VelocityObserver, VelocityState
+from roadstate.vehicles.kinematics import Planar, wheel_positions, wheel_steer, wheel_velocities
 
 if TYPE_CHECKING:
     from roadstate.vehicles import Vehicle
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 _WHEELS = tuple(f"wheel_speed_{w}" for w in WHEELS)
 _INERTIAL = ("accel_x", "accel_y", "yaw_rate")
 NEEDS = (
-    Need("the speed of each wheel", (_WHEELS,)),
+    Need("the speed of each wheel, or the car's", (_WHEELS, ("speed",))),
     Need("the steering", (("steer",), ("steering_wheel",))),
     Need("both accelerometers", (("accel_x", "accel_y"),)),
     Need("the yaw rate", (("yaw_rate",),)),
@@ -30,6 +31,8 @@ NEEDS = (
 """What a :class:`ContactMeter` needs."""
 OPTIONAL = ("speed", "velocity_y", "gear_ratio")
 """What it uses where it is there."""
+_UNSEEN_SLIP = 0.05  # 1σ of a longitudinal slip that is not measured
+_FRICTION_SHARE = 0.3  # 1σ of the vehicle file's friction, as a share of it
 _STEER_STD = 0.003  # rad: of the mean road-wheel angle (offset, compliance)
 
 
@@ -63,6 +66,9 @@ class ContactState(NamedTuple):
 class ContactMeter(eqx.Module):
     """Holds what wheels, steering and inertial sensors say, and finds how the car moves.
 
+    Without wheel speeds the wheels are taken to roll freely, give or take a slip of 5 %: what is left to be
+    learned is in the lateral forces.
+
     Attributes:
         channels: canonical channels read.
         direct: v_x and v_y are read as they are measured, instead of through a
@@ -71,16 +77,21 @@ class ContactMeter(eqx.Module):
 
     channels: tuple[str, ...] = eqx.field(static=True)
     direct: bool = eqx.field(static=True)
+    _has_wheels: bool = eqx.field(static=True)
     _steering: str = eqx.field(static=True)
     _steering_ratio: Float[Array, ""]
     _observer: VelocityObserver | None
     _gain: Float[Array, " 2"]
     _wheel_noise: Float[Array, ""]
     _scale: Float[Array, ""]
+    _radius: Float[Array, ""]
+    _places: Planar
+    _friction: Float[Array, " 2"]
     _noise: Float[Array, " 2"]
 
     def __init__(self, vehicle: Vehicle, available: Collection[str], *, direct: bool = False) -> None:
         self.direct = direct and {"speed", "velocity_y"} <= set(available)
+        self._has_wheels = all(w in available for w in _WHEELS)
         self._steering = "steer" if "steer" in available else "steering_wheel"
         if self._steering == "steering_wheel" and vehicle.steering is None:
             raise InputError(
@@ -92,27 +103,50 @@ class ContactMeter(eqx.Module):
         self._steering_ratio = leaf(ratio)
         self._observer = None if self.direct else VelocityObserver(vehicle, available)
         seen = ("speed", "velocity_y") if self._observer is None else self._observer.channels
-        self.channels = tuple(dict.fromkeys((*_WHEELS, *_INERTIAL, self._steering, *seen)))
+        self.channels = tuple(dict.fromkeys((*self._wheels, *_INERTIAL, self._steering, *seen)))
         body = vehicle.body
         leaning = jnp.asarray([0.0 if self.direct else g for g in (body.pitch_gradient, body.roll_gradient)])
         self._gain = 1 + GRAVITY * leaning
         self._wheel_noise = leaf(vehicle.sensors.wheel_speed.noise)
-        self._scale = leaf(vehicle.sensors.wheel_speed.scale)
+        self._scale = leaf(vehicle.sensors.wheel_speed.scale if self._has_wheels else _UNSEEN_SLIP)
+        self._radius = leaf(vehicle.wheels.radius)
+        self._friction = jnp.asarray([vehicle.tires.friction, _FRICTION_SHARE * vehicle.tires.friction])
+        geometry = vehicle.geometry
+        self._places = wheel_positions(
+            geometry.cg_to_front_axle, geometry.cg_to_rear_axle, geometry.track_front, geometry.track_rear
+        )
         self._noise = jnp.asarray([vehicle.sensors.speed.noise, vehicle.sensors.velocity_y.noise])
+
+    @property
+    def _wheels(self) -> tuple[str, ...]:
+        return _WHEELS if self._has_wheels else ()
 
     def init(self) -> ContactState:
         """Nothing has come yet."""
         observer = None if self._observer is None else self._observer.init()
-        held = (*_WHEELS, *_INERTIAL, self._steering, *(("speed", "velocity_y") if self.direct else ()))
+        held = (*self._wheels, *_INERTIAL, self._steering, *(("speed", "velocity_y") if self.direct else ()))
         return ContactState({c: Held.empty() for c in held}, observer)
 
-    def read(self, state: ContactState, sample: Sample, dt: Float[Array, ""]) -> tuple[ContactState, Contact]:
-        """Take a sample ``dt`` (s) after the last."""
+    def read(
+        self,
+        state: ContactState,
+        sample: Sample,
+        dt: Float[Array, ""],
+        friction: Float[Array, " 2"] | None = None,
+    ) -> tuple[ContactState, Contact]:
+        """Take a sample.
+
+        Args:
+            state: from :meth:`init` or the last call.
+            sample: the channels at this instant.
+            dt: s since the last sample.
+            friction: peak friction and its 1σ, as far as known; default the vehicle file's, which may be
+                far off. It tells slip angles near the limit where no lateral velocity is measured.
+        """
         held = {c: state.held[c].take(sample[c], dt) for c in state.held}
         steer = held[self._steering].value / self._steering_ratio
         accel = jnp.stack([held["accel_x"].value, held["accel_y"].value]) / self._gain
         yaw_rate = held["yaw_rate"].value
-        wheel_speed = jnp.stack([held[w].value for w in _WHEELS])
         ages = jnp.stack([h.age for h in held.values()])
         inertial = jnp.stack([held[c].age for c in (*_INERTIAL, self._steering)])
         if self._observer is None or state.velocity is None:
@@ -121,9 +155,15 @@ class ContactMeter(eqx.Module):
             std, age = self._noise, jnp.max(ages)
         else:
             motion = Motion(accel[0], accel[1], yaw_rate, steer, jnp.max(inertial))
-            velocity, gaussian = self._observer.step(state.velocity, sample, motion, dt)
+            known = self._friction if friction is None else friction
+            velocity, gaussian = self._observer.step(state.velocity, sample, motion, known, dt)
             v, std = gaussian.mean[:2], gaussian.std[:2]
             age = jnp.maximum(jnp.max(ages), velocity.age - STALE)
+        if self._has_wheels:
+            wheel_speed = jnp.stack([held[w].value for w in _WHEELS])
+        else:
+            moving = wheel_velocities(v[0], v[1], yaw_rate, self._places, wheel_steer(steer))
+            wheel_speed = moving.x / self._radius
         rolling = jnp.hypot(self._wheel_noise, self._scale * wheel_speed)
         spread = jnp.concatenate([std, jnp.asarray([_STEER_STD]), rolling])
         contact = Contact(jnp.append(v, yaw_rate), steer, wheel_speed, accel, spread, age)

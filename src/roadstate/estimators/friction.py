@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from roadstate.assembly.rows import Grouping, grouped
-from roadstate.core.channels import WHEELS
+from roadstate.core.channels import WHEELS, did_you_mean
 from roadstate.core.constants import GRAVITY
 from roadstate.core.errors import InputError
 from roadstate.core.estimates import Validity
@@ -23,8 +23,8 @@ from roadstate.estimators.friction_model import FrictionInput, FrictionModel
 from roadstate.estimators.signals import Held
 from roadstate.estimators.velocity import STALE
 from roadstate.filters.base import Filter
-from roadstate.linalg import tria
-from roadstate.tires import NormalizedDugoff, TireModel
+from roadstate.linalg import once, tria
+from roadstate.tires import NormalizedDugoff, TireModel, all_tires
 from roadstate.vehicles.figures import tire_of
 from roadstate.vehicles.three_dof_contact import ThreeDofContact
 
@@ -34,12 +34,17 @@ if TYPE_CHECKING:
 _SLOWEST = 1.5  # m/s: below it slips say nothing
 _SILENT = 1.0  # s without what the contact is made of after which nothing is known
 _ERROR_TIME = 0.3  # s: correlation time of what the inputs and the tire get wrong
+_DRIFT_TIME = 1.0  # s: the same of velocities and steering, whose errors drift
 _BIAS_TIME = 1.0  # s: the same of the accelerometers' bias, whose share in a drive's forces changes
-_TIRE_SHARE = 0.1  # 1σ of a tire model's force, as a share of it
+_TIRE_SHARE = 0.1  # 1σ of a tire model's force, as a share of it, of what changes from manoeuvre to manoeuvre
+_DOUBTLESS = 0.04  # keeps the doubt about a force that is nothing but error below 10⁴ times its variance
 _LEAST_STEP = 1e-3  # s
 _YAW_NOISE = 0.05  # rad/s/√s
 _KNOWN = 0.15  # 1σ over μ up to which friction counts as determined
 _USED_STD = 0.01  # of the used friction, from what the accelerometers' place and the air do
+_PROVEN_WAY = 20.0  # m over which it is forgotten how much friction was used
+_LEAST = 0.1  # no road that a car drives on has less
+_MOST = 1.5  # no road has more
 _USED_WANDER = 0.3  # 1/√s: how the used friction wanders while not measured
 _NORMAL_90 = 1.6449  # two-sided 90 % of a normal distribution
 _TINY = 1e-6
@@ -75,13 +80,26 @@ class Settings(NamedTuple):
 
 
 class FrictionState(NamedTuple):
-    """Filter state, the contact's, the last yaw rate, the age of what is read (s), and what it said last."""
+    """Filter state, the contact's, last yaw rate, friction used now and proven lately, what the tire may get
+    lastingly wrong (share of the friction), v_x, v_y and their σ (4,), validity.
+    """
 
     filter: Any
     contact: ContactState
     yaw_rate: Held
     used: Held
+    proven: Float[Array, ""]
+    tire: Float[Array, ""]
+    velocity: Float[Array, " 4"]
     validity: Int[Array, ""]
+
+
+class Told(NamedTuple):
+    """What a sample tells the filter: the model's input, z, and the contact's new state."""
+
+    u: FrictionInput
+    z: Float[Array, " m"]
+    contact: ContactState
 
 
 class FrictionEstimator(Estimator[FrictionState]):
@@ -91,7 +109,11 @@ class FrictionEstimator(Estimator[FrictionState]):
         model: the state-space model.
         filter: the filter.
         meter: how the contact is read.
-        settings: as built.
+        groups: quantities with their wheels.
+        has_own_noise: the noise is given, and nothing is added to it.
+        sensor_std: 1σ of each sensor's sample, in its unit.
+        bias: 1σ of its bias.
+        file_friction: the friction at which the vehicle file's stiffnesses hold.
     """
 
     needs: ClassVar[tuple[Need, ...]] = NEEDS
@@ -106,6 +128,7 @@ class FrictionEstimator(Estimator[FrictionState]):
     has_own_noise: bool = eqx.field(static=True)
     sensor_std: Float[Array, " m"]
     bias: Float[Array, " m"]
+    file_friction: Float[Array, ""]
 
     @classmethod
     @abstractmethod
@@ -129,7 +152,7 @@ class FrictionEstimator(Estimator[FrictionState]):
         available: Collection[str],
         *,
         as_printed: bool = False,
-        tire: TireModel | None = None,
+        tire: TireModel | str | None = None,
         filter_options: Mapping[str, Any] | None = None,
         **settings: Any,
     ) -> Self:
@@ -139,7 +162,8 @@ class FrictionEstimator(Estimator[FrictionState]):
             vehicle: geometry, mass, tires and sensors' noise are used.
             available: canonical channels with samples.
             as_printed: the paper's own settings, as far as ``settings`` does not change them.
-            tire: any tire model; default the papers' normalised Dugoff with the file's stiffnesses.
+            tire: any tire model, or the name of one that the vehicle file has figures for; default the
+                papers' normalised Dugoff. Only that one makes force proportional to friction.
             filter_options: for the filter.
             settings: fields of :class:`Settings`.
 
@@ -175,7 +199,7 @@ class FrictionEstimator(Estimator[FrictionState]):
             of_wheel=family.of_wheel,
             vehicle=ThreeDofContact.from_vehicle(
                 vehicle,
-                normalized_tire(vehicle) if tire is None else tire,
+                tire if isinstance(tire, TireModel) else normalized_tire(vehicle, tire),
                 # it is a moment on the wheel, and in the slip already
                 rolling_resistance=0.0,
                 rolling_resistance_speed=0.0,
@@ -197,53 +221,84 @@ class FrictionEstimator(Estimator[FrictionState]):
             has_own_noise=chosen.sensor_std is not None,
             sensor_std=jnp.asarray(np.array(std)),
             bias=jnp.asarray(np.array(bias)),
+            file_friction=leaf(vehicle.tires.friction),
         )
 
     def init(self) -> FrictionState:
         """The prior; no sample has come."""
         empty = Held.empty()
         missing = jnp.asarray(int(Validity.SENSOR_MISSING))
-        return FrictionState(self.filter.init(self.model), self.meter.init(), empty, empty, missing)
+        unknown = jnp.asarray([0.0, 0.0, 30.0, 1.0])
+        start = self.filter.init(self.model)
+        zero = empty.value
+        return FrictionState(start, self.meter.init(), empty, empty, zero, zero, unknown, missing)
 
-    def step(self, state: FrictionState, sample: Sample, dt: Float[Array, ""]) -> tuple[FrictionState, Info]:
-        """Find the contact, then predict and correct with what is measured."""
-        meter, contact = self.meter.read(state.contact, sample, dt)
+    def told(self, state: FrictionState, sample: Sample, dt: Float[Array, ""]) -> Told:
+        """What the model is given at a sample, ``dt`` (s) after the last."""
+        known = jnp.stack(self._friction(state.filter, "friction_peak"))
+        meter, contact = self.meter.read(state.contact, sample, dt, known)
         speed = contact.velocity[0]
         moves = (jnp.abs(speed) > _SLOWEST) & (contact.age < STALE)
         z = self._read(state, sample, contact, dt)
         z = jnp.where(moves & jnp.isfinite(z), z, jnp.nan)
-        u = FrictionInput(contact, speed * dt, *self._noise(state, contact, dt))
+        return Told(once(self._input(state, contact, dt)), z, meter)
+
+    def step(self, state: FrictionState, sample: Sample, dt: Float[Array, ""]) -> tuple[FrictionState, Info]:
+        """Find the contact, then predict and correct with what is measured."""
+        u, z, meter = self.told(state, sample, dt)
+        contact, speed = u.contact, u.contact.velocity[0]
         filter_state, info = self.filter.step(self.model, state.filter, u, z, dt)
         measured = jnp.isfinite(sample["accel_x"]) & jnp.isfinite(sample["accel_y"])
         force = jnp.sqrt(jnp.sum(contact.accel**2) + 1e-12) / GRAVITY
         used = state.used.take(jnp.where(measured, force, jnp.nan), dt)
+        proven = state.proven * jnp.exp(-jnp.abs(u.distance) / _PROVEN_WAY)
+        proven = jnp.where(measured, jnp.maximum(proven, force - _NORMAL_90 * _USED_STD), proven)
         yaw_rate = state.yaw_rate.take(sample["yaw_rate"], dt)
-        mean, spread = self._total(filter_state)
+        tire = self._learned(state, filter_state, u, dt)
+        mean, spread = self._friction(filter_state, "friction_peak")
+        spread = jnp.sqrt(spread**2 + (tire * mean) ** 2)
         validity = jnp.where(spread < _KNOWN * mean, int(Validity.EXCITED), int(Validity.LOW_EXCITATION))
         validity = jnp.where(jnp.abs(speed) < _SLOWEST, int(Validity.STANDSTILL), validity)
         validity = jnp.where(contact.age < _SILENT, validity, int(Validity.SENSOR_MISSING))
         validity = jnp.where(info.ok, validity, int(Validity.DIVERGED))
-        return FrictionState(filter_state, meter, yaw_rate, used, validity), info
+        velocity = jnp.concatenate([contact.velocity[:2], contact.std[:2]])
+        return FrictionState(filter_state, meter, yaw_rate, used, proven, tire, velocity, validity), info
 
     def estimate(self, state: FrictionState) -> Estimate:
-        """Peak friction of the car, of its groups, with bounds; and the friction used."""
-        gaussian = self.filter.posterior(state.filter)
+        """Peak friction of the car, of its groups, with bounds; and the friction used.
+
+        A bound lies within what any road can have; that of the whole car is no lower than what was used along
+        the last metres.
+        """
         values: dict[str, Array] = {}
         std: dict[str, Array] = {}
         used_std = _USED_STD + _USED_WANDER * jnp.sqrt(state.used.age)
         values["friction_used"], std["friction_used"] = state.used.value, used_std
-        for name, wheels in self.groups:
-            weights = _weights(self.model, wheels, gaussian.mean.dtype)
-            mean = weights @ gaussian.mean
-            spread = jnp.sqrt(jnp.sum((weights @ gaussian.factor) ** 2))
-            values[name], std[name] = mean, spread
-            values[f"{name}_lower"] = mean - _NORMAL_90 * spread
-            values[f"{name}_upper"] = mean + _NORMAL_90 * spread
+        for i, name in enumerate(("speed", "velocity_y")):
+            values[name], std[name] = state.velocity[i], state.velocity[2 + i]
+        for name, _ in self.groups:
+            mean, spread = self._friction(state.filter, name)
+            spread = jnp.sqrt(spread**2 + (state.tire * mean) ** 2)
+            proven = state.proven if name == "friction_peak" and not self.has_own_noise else 0.0
+            value = jnp.clip(mean, proven, _MOST)
+            least = jnp.maximum(mean - _NORMAL_90 * spread, proven)
+            values[name], std[name] = value, spread
+            values[f"{name}_lower"] = jnp.minimum(least, value)
+            values[f"{name}_upper"] = jnp.clip(mean + _NORMAL_90 * spread, value, _MOST)
         return Estimate(values, std, state.validity)
 
-    def _total(self, state: Any) -> tuple[Array, Array]:
+    def weights(self, quantity: str, dtype: Any) -> Float[Array, " n"]:
+        """What the mean friction of a quantity's wheels takes of each state."""
+        wheels = dict(self.groups)[quantity]
+        weights = np.zeros(len(self.model.states))
+        for wheel in wheels:
+            weights[self.model.of_wheel[wheel]] += 1 / len(wheels)
+        return jnp.asarray(weights, dtype)
+
+    def _friction(self, state: Any, quantity: str) -> tuple[Array, Array]:
+        """Mean and 1σ of a quantity."""
         gaussian = self.filter.posterior(state)
-        weights = _weights(self.model, (0, 1, 2, 3), gaussian.mean.dtype)
+        weights = self.weights(quantity, gaussian.mean.dtype)
         return weights @ gaussian.mean, jnp.sqrt(jnp.sum((weights @ gaussian.factor) ** 2))
 
     def _read(
@@ -265,34 +320,64 @@ class FrictionEstimator(Estimator[FrictionState]):
             rows["yaw_accel"] = jnp.where(fresh, change / jnp.where(fresh, elapsed, 1.0), nothing)
         return jnp.stack([rows[sensor] for sensor in self.sensors])
 
-    def _noise(
-        self, state: FrictionState, contact: Contact, dt: Float[Array, ""]
-    ) -> tuple[Float[Array, "m m"], Float[Array, ""]]:
-        """A factor of R, and the noise of ṙ: of sensors, and unless that is given, of inputs, biases, tire.
+    def _input(self, state: FrictionState, contact: Contact, dt: Float[Array, ""]) -> FrictionInput:
+        """The model's input, with the noise of sensors and, unless that is given, of inputs, biases, tire.
 
         Errors in what the tire model is told are errors in variables: noise taken for a slip looks like a
         tire that gives no force for it, which draws the friction to zero. So a row counts only as far as its
         force exceeds what such errors make of nothing: its variance grows with (2σ/force)⁴.
         """
+        distance, model = contact.velocity[0] * dt, self.model
+        x = self.filter.posterior(state.filter).mean
         if self.has_own_noise:
-            return jnp.diag(self.sensor_std), leaf(_YAW_NOISE)
+            shares = model.wheel_shares(jnp.ones(4, x.dtype), contact) if model.is_proportional else None
+            return FrictionInput(contact, distance, jnp.diag(self.sensor_std), leaf(_YAW_NOISE), shares)
         step = jnp.maximum(dt, _LEAST_STEP)
-        value, slopes = self.model.sensitivity(self.filter.posterior(state.filter).mean, contact)
-        error = jnp.sqrt(jnp.sum(slopes**2, axis=1))
-        doubt = 1 + (2 * error / (jnp.abs(value) + _TINY)) ** 4
+        # noise is judged by a friction that a road can have: near zero, no force would exceed its own noise
+        x = jnp.maximum(x, _LEAST)
+        shares, slopes = once(model.sensitivity(x, contact))
+        weights = model.friction(x) if model.is_proportional else jnp.ones(4, x.dtype)
+        value = jnp.sum(shares[:, :4] * weights, axis=1) + shares[:, 4]
+        error = jnp.sqrt(jnp.sum(slopes**2, axis=1) + _TINY**2)
+        doubt = 1 + (4 * error**2 / (value**2 + _DOUBTLESS * error**2)) ** 2
+        drifting = np.sqrt(_DRIFT_TIME / _ERROR_TIME)
+        slopes = slopes * jnp.asarray([drifting] * 3 + [1.0] * 4, slopes.dtype)
+        columns = jnp.concatenate([slopes, _TIRE_SHARE * jnp.diag(value)], axis=1)
         rows = np.array([min(_ROWS.index(s), 2) for s in self.sensors])
         is_rate = jnp.asarray([s == "yaw_rate" for s in self.sensors])
-        lasting = jnp.where(is_rate, 0.0, jnp.sqrt(doubt[rows] * _ERROR_TIME / step))
-        own = jnp.hypot(self.sensor_std, self.bias * jnp.sqrt(_BIAS_TIME / step))
-        tire = _TIRE_SHARE * value[rows] * lasting
-        parts = [jnp.diag(jnp.hypot(own, tire)), slopes[rows] * lasting[:, None]]
-        yaw = jnp.hypot(error[2], _TIRE_SHARE * value[2]) * jnp.sqrt(doubt[2] * _ERROR_TIME)
-        return tria(jnp.concatenate(parts, axis=1)), jnp.hypot(_YAW_NOISE, yaw)
+        lasting = jnp.where(is_rate, 0.0, jnp.sqrt(doubt[rows] * _ERROR_TIME / step))[:, None]
+        own = jnp.sqrt(self.sensor_std**2 + self.bias**2 * (_BIAS_TIME / step))
+        sqrt_R = tria(jnp.concatenate([jnp.diag(own), columns[rows] * lasting], axis=1))
+        yaw = jnp.sqrt(_YAW_NOISE**2 + doubt[2] * _ERROR_TIME * jnp.sum(columns[2] ** 2))
+        mean, spread = self._friction(state.filter, "friction_peak")
+        # more was used than there was: the road is another
+        jump = jnp.where(state.proven > mean + _NORMAL_90 * spread, model.std[0], 0.0)
+        return FrictionInput(contact, distance, sqrt_R, yaw, shares if model.is_proportional else None, jump)
+
+    def _learned(
+        self, state: FrictionState, filter_state: Any, u: FrictionInput, dt: Float[Array, ""]
+    ) -> Float[Array, ""]:
+        """Mean of the model's ``tire_error`` over the samples that made the estimate, by what each added."""
+        if self.has_own_noise:
+            return state.tire
+        before, after = (self._friction(f, "friction_peak")[1] ** 2 for f in (state.filter, filter_state))
+        walk = self.weights("friction_peak", after.dtype) @ self.model.sqrt_Q(u, dt)
+        share = jnp.clip(1 - after / (before + jnp.sum(walk**2) + _TINY**2), 0.0, 1.0)
+        mean, _ = self._friction(state.filter, "friction_peak")
+        error = self.model.tire_error(mean / self.file_friction, u.contact)
+        return state.tire + share * (error - state.tire)
 
 
-def normalized_tire(vehicle: Vehicle) -> TireModel:
-    """The papers' normalised Dugoff with the vehicle file's stiffnesses, which it takes at the file's μ."""
-    tires = vehicle.tires.model_copy(update={"model": NormalizedDugoff.name})
+def normalized_tire(vehicle: Vehicle, model: str | None = None) -> TireModel:
+    """The papers' normalised Dugoff, or another model, with the vehicle file's stiffnesses.
+
+    Raises:
+        InputError: the vehicle file has no figures for it, or there is none of that name.
+    """
+    name = NormalizedDugoff.name if model is None else model
+    if name not in all_tires():
+        raise InputError(f"no tire model is called '{name}'", mend=did_you_mean(name, all_tires()))
+    tires = vehicle.tires.model_copy(update={"model": name})
     return tire_of(vehicle.model_copy(update={"tires": tires}))
 
 
@@ -309,11 +394,3 @@ def _reported(of_wheel: tuple[int, ...]) -> tuple[tuple[str, tuple[int, ...]], .
     if count == len(WHEELS):
         found += [(f"friction_peak_{name}", (i,)) for i, name in enumerate(WHEELS)]
     return tuple(found)
-
-
-def _weights(model: FrictionModel, wheels: tuple[int, ...], dtype: Any) -> Float[Array, " n"]:
-    """What a mean over wheels takes of each state."""
-    weights = np.zeros(len(model.states))
-    for wheel in wheels:
-        weights[model.of_wheel[wheel]] += 1 / len(wheels)
-    return jnp.asarray(weights, dtype)

@@ -14,9 +14,14 @@ from roadstate.core.gaussian import Gaussian
 from roadstate.estimators.contact import Contact
 from roadstate.linalg import root, tria
 from roadstate.statespace import StateSpaceModel
-from roadstate.tires.smooth import Numbers
-from roadstate.vehicles.kinematics import wheel_slips, wheel_steer, wheel_velocities
+from roadstate.tires import NormalizedDugoff
+from roadstate.tires.smooth import Numbers, safe_hypot
+from roadstate.vehicles.kinematics import to_body, wheel_slips, wheel_steer, wheel_velocities
 from roadstate.vehicles.three_dof_contact import ThreeDofContact
+
+_STIFFNESS = 0.1  # 1σ of a tire's stiffness, as a share of it
+_FAINTEST = 0.05  # of a force's elasticity in friction; below it nothing is learned anyway
+_TINY = 1e-6
 
 
 class FrictionInput(NamedTuple):
@@ -27,12 +32,17 @@ class FrictionInput(NamedTuple):
         distance: travelled since the last sample, m.
         sqrt_R: (m, m) a factor of the covariance of all that the sensors and the model get wrong.
         yaw_noise: rad/s/√s, 1σ of what the model's ṙ gets wrong, as white noise.
+        shares: what :meth:`FrictionModel.wheel_shares` makes of the contact at μ = 1, for a tire whose force
+            is proportional to friction: it need not be evaluated again. ``None`` for others.
+        jump: 1σ of a change of all frictions since the last sample, over and above the random walk.
     """
 
     contact: Contact
     distance: Float[Array, ""]
     sqrt_R: Float[Array, "m m"]
     yaw_noise: Float[Array, ""]
+    shares: Float[Array, "3 5"] | None = None
+    jump: Float[Array, ""] | float = 0.0
 
 
 class FrictionModel(StateSpaceModel):
@@ -81,28 +91,79 @@ class FrictionModel(StateSpaceModel):
         slips = wheel_slips(velocity, contact.wheel_speed, self.wheel_radius)
         return slips.slip, slips.slip_angle, self.vehicle.wheel_loads(contact.accel[0], contact.accel[1])
 
+    @property
+    def is_proportional(self) -> bool:
+        """Whether the tire's force is proportional to friction, so that the model is linear."""
+        return isinstance(self.vehicle.tire, NormalizedDugoff)
+
+    def wheel_shares(self, friction: Float[Array, " 4"], contact: Contact) -> Float[Array, "3 5"]:
+        """What each wheel adds to a_x, a_y (specific forces) and ṙ, and last what is there without tires.
+
+        Args:
+            friction: (4,) μ under each wheel.
+            contact: how the tires meet the road.
+        """
+        v, vehicle = contact.velocity, self.vehicle
+        steer = wheel_steer(contact.steer)
+        slip, angle, load = self.forces_of(contact)
+        tire = vehicle.tire.forces(slip, angle, load, friction, v[0])
+        force, place = to_body(tire.F_x, tire.F_y, steer), vehicle.wheel_positions
+        moment = place.x * force.y - place.y * force.x
+        shares = jnp.stack([force.x / vehicle.mass, force.y / vehicle.mass, moment / vehicle.yaw_inertia])
+        lost = -vehicle.drag(v[0]) / vehicle.mass
+        return jnp.concatenate([shares, jnp.stack([lost, 0 * lost, 0 * lost])[:, None]], axis=1)
+
+    def used_share(self, contact: Contact) -> Float[Array, " 4"]:
+        """ρ/μ of each wheel on a tire that is proportional to friction."""
+        slip, angle, load = self.forces_of(contact)
+        force = self.vehicle.tire.forces(slip, angle, load, jnp.ones_like(load), contact.velocity[0])
+        return safe_hypot(force.F_x, force.F_y) / jnp.maximum(load, 1.0)
+
+    def tire_error(self, ratio: Float[Array, ""], contact: Contact) -> Float[Array, ""]:
+        """1σ of the friction that a tire of other stiffness would feign, as a share of it.
+
+        Below the limit a real tire's force depends on its stiffness, not on friction, and a tire model in
+        which the one is proportional to the other takes a stiffness for a friction. With ψ the elasticity of
+        a brush tire's force in friction (0 for a small slip, 1 when sliding), what is wrong with the
+        stiffness makes (1 − ψ)/ψ times as much wrong with the friction. Wrong is the stiffness by its
+        tolerance, and by staying what it is where friction is another; no more than the prior, though.
+        (Pacejka, *Tire and Vehicle Dynamics*, §3.2.)
+
+        Args:
+            ratio: friction over that at which the stiffnesses were found.
+            contact: how the tires meet the road.
+        """
+        load = self.forces_of(contact)[2]
+        used = jnp.clip(self.used_share(contact), 0.0, 1.0)
+        theta = 1 - jnp.cbrt(1 - used + _TINY)
+        psi = jnp.clip(1 - 3 * theta * (1 - theta) ** 2 / (used + _TINY), 0.0, 1.0)
+        off = jnp.sqrt(_STIFFNESS**2 + ((1 - ratio) ** 2 if self.is_proportional else 0.0))
+        error = off * (1 - psi) / (psi + _FAINTEST)
+        weight = load * used**2 + _TINY
+        most = jnp.sqrt(jnp.sum(self.std**2)) / self.mean
+        return jnp.minimum(jnp.sum(weight * error) / jnp.sum(weight), most)
+
     def response(self, x: Float[Array, " n"], contact: Contact) -> Float[Array, " 3"]:
         """a_x, a_y (specific forces) and ṙ."""
-        slip, angle, load = self.forces_of(contact)
-        steer = jnp.stack([contact.steer, jnp.zeros_like(contact.steer)])
-        vehicle = self.vehicle.with_parameters({"friction": self.friction(x)})
-        motion = vehicle.motion(contact.velocity, jnp.concatenate([steer, slip, angle, load]))
-        return jnp.stack([motion.accel_x, motion.accel_y, motion.yaw_accel])
+        return jnp.sum(self.wheel_shares(self.friction(x), contact), axis=1)
 
     def f(self, x: Float[Array, " n"], u: FrictionInput, dt: Float[Array, ""]) -> Float[Array, " n"]:
         """Friction stays; the yaw rate follows the forces."""
         if "yaw_rate" not in self.states:
             return x
-        return x.at[-1].add(self.response(x, u.contact)[2] * dt)
+        return x.at[-1].add(self._caused(x, u)[2] * dt)
 
     def h(self, x: Float[Array, " n"], u: FrictionInput) -> Float[Array, " m"]:
         """What the sensors would read."""
-        return self._read(x, u.contact)
+        caused = self._caused(x, u)
+        by_name = {"accel_x": caused[0], "accel_y": caused[1], "yaw_accel": caused[2], "yaw_rate": x[-1]}
+        return jnp.stack([by_name[sensor] for sensor in self.sensors])
 
     def sqrt_Q(self, u: FrictionInput, dt: Float[Array, ""]) -> Float[Array, "n q"]:
         """Shared and own random walks; nothing in a step of no time."""
         moves = jnp.where(dt > 0, 1.0, 0.0)
-        size = jnp.hypot(self.walk * root(jnp.abs(u.distance)), self.step_std * moves)
+        size = safe_hypot(self.walk * root(jnp.abs(u.distance)), self.step_std * moves)
+        size = size.at[0].set(safe_hypot(size[0], u.jump * moves))
         return self._spread(size, u.yaw_noise * root(dt))
 
     def sqrt_R(self, u: FrictionInput) -> Float[Array, "m m"]:
@@ -124,27 +185,39 @@ class FrictionModel(StateSpaceModel):
 
     def sensitivity(
         self, x: Float[Array, " n"], contact: Contact
-    ) -> tuple[Float[Array, " 3"], Float[Array, "3 7"]]:
-        """:meth:`response`, and how it would change by 1σ of each thing the contact is made of.
+    ) -> tuple[Float[Array, "3 5"], Float[Array, "3 7"]]:
+        """:meth:`wheel_shares`, and how their sum would change by 1σ of each thing the contact is made of.
 
         Args:
             x: the state.
             contact: whose ``std`` is the 1σ meant.
-        """
 
-        def read(error: Float[Array, " 7"]) -> Float[Array, " 3"]:
+        Returns:
+            The shares at the state's friction, or for a tire that is proportional to it at μ = 1; the changes
+            at the state's friction.
+        """
+        friction = self.friction(x)
+        unit = jnp.ones_like(friction)
+
+        def read(error: Float[Array, " 7"]) -> Float[Array, "3 5"]:
             off = error * contact.std
             moved = contact._replace(
                 velocity=contact.velocity.at[:2].add(off[:2]),
                 steer=contact.steer + off[2],
                 wheel_speed=contact.wheel_speed + off[3:],
             )
-            return self.response(x, moved)
+            return self.wheel_shares(unit if self.is_proportional else friction, moved)
 
-        value, push = jax.linearize(read, jnp.zeros_like(contact.std))
-        return value, jax.vmap(push, out_axes=1)(jnp.eye(7, dtype=value.dtype))
+        shares, push = jax.linearize(read, jnp.zeros_like(contact.std))
+        weights = jnp.append(friction if self.is_proportional else unit, 1.0)
 
-    def _read(self, x: Float[Array, " n"], contact: Contact) -> Float[Array, " m"]:
-        accel = self.response(x, contact)
-        by_name = {"accel_x": accel[0], "accel_y": accel[1], "yaw_accel": accel[2], "yaw_rate": x[-1]}
-        return jnp.stack([by_name[sensor] for sensor in self.sensors])
+        def change(direction: Float[Array, " 7"]) -> Float[Array, " 3"]:
+            return jnp.asarray(push(direction)) @ weights
+
+        changes = jax.vmap(change, out_axes=1)
+        return shares, changes(jnp.eye(7, dtype=shares.dtype))
+
+    def _caused(self, x: Float[Array, " n"], u: FrictionInput) -> Float[Array, " 3"]:
+        if u.shares is None:
+            return self.response(x, u.contact)
+        return jnp.sum(u.shares[:, :4] * self.friction(x), axis=1) + u.shares[:, 4]

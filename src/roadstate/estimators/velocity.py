@@ -17,6 +17,7 @@ from roadstate.estimators.signals import Held, SpeedMeter, signed_direction
 from roadstate.filters import KF, FilterState, GateRule
 from roadstate.linalg import root
 from roadstate.statespace import StateSpaceModel
+from roadstate.tires.smooth import safe_hypot
 
 if TYPE_CHECKING:
     from roadstate.vehicles import Vehicle
@@ -28,9 +29,12 @@ _UNSEEN = 2.0  # m/s²/√Hz: intensity of an acceleration that is not measured
 _SLIP_TIME = 0.3  # s: correlation time of what wheels slip
 _MODEL_TIME = 0.5  # s: of the single-track model's error
 _MODEL_ANGLE = 0.003  # rad: that error on a straight
-_MODEL_SHARE = 0.15  # of the slip angle: that error where tires are linear
-_SATURATION = 2.0  # growth of that share with (a_y/g)²
+_MODEL_SHARE = 0.2  # of the slip angle: that error from a stiffness that is not known exactly
+_FULLEST = 0.97  # share of the friction beyond which a slip angle could be anything
+_LEAST_FRICTION = 0.1
 _LEAST_STEP = 1e-3  # s: under it a correlated error counts as one of such a step
+_LEAD_FREE = 0.5  # m/s by which a wheel may differ from the integrated acceleration, and twice the 1σ of that
+_LEAD_GROWTH = 3.0  # 1σ of a wheel that spins or locks, over what it is away beyond that
 _PATIENCE = 300  # samples for which a spinning or locked axle may be refused
 
 
@@ -80,7 +84,13 @@ class PlanarVelocity(StateSpaceModel):
 
 
 class VelocityState(NamedTuple):
-    """State of a :class:`VelocityObserver`: the filter's, and how long nothing has told the speed (s)."""
+    """State of a :class:`VelocityObserver`.
+
+    Attributes:
+        filter: the filter's.
+        gear_ratio: held.
+        age: s for which nothing has told the speed.
+    """
 
     filter: FilterState
     gear_ratio: Held
@@ -108,10 +118,11 @@ class VelocityObserver(eqx.Module):
     """Estimates v_x and v_y by a Kalman filter on the kinematics of the plane.
 
     v_x is read from the speed signal and from each axle's wheels, of which a driven one is believed less the
-    more the car accelerates, and none that contradicts the rest. v_y is read where it is measured, else from
-    a linear single-track model of the rear axle, v_y = l_r r − v_x α_r with α_r = F_yr/(c_r F_zr) and
-    F_yr/F_zr = a_y/g, whose error is taken to grow with a_y: near the limit the integrated accelerations
-    decide, for some seconds, and σ says how well.
+    more the car accelerates, one that runs away from what the accelerometer tells hardly at all (it spins, or
+    locks), and none that contradicts the rest. v_y is read where it is measured, else from
+    a single-track model of the rear axle, v_y = l_r r − v_x α_r, with a brush tire's slip angle for the
+    lateral force that a_y tells of, α_r = (3μ/c_r)(1 − (1 − s)^⅓), s = a_y/(μ g). Its error is that of c_r
+    and of μ: near the limit the integrated accelerations decide, for some seconds, and σ says how well.
 
     Attributes:
         channels: canonical channels read.
@@ -162,7 +173,12 @@ class VelocityObserver(eqx.Module):
         return VelocityState(self._filter.init(self._model), empty, empty.age)
 
     def step(
-        self, state: VelocityState, sample: Sample, motion: Motion, dt: Float[Array, ""]
+        self,
+        state: VelocityState,
+        sample: Sample,
+        motion: Motion,
+        friction: Float[Array, " 2"],
+        dt: Float[Array, ""],
     ) -> tuple[VelocityState, Gaussian]:
         """Advance; the Gaussian is of (v_x, v_y, s).
 
@@ -170,6 +186,7 @@ class VelocityObserver(eqx.Module):
             state: from :meth:`init` or the last call.
             sample: the channels at this instant.
             motion: what inertial sensors and steering say, held between their samples.
+            friction: peak friction of the rear tires and its 1σ, as far as known.
             dt: s.
         """
         gear = state.gear_ratio.take(sample.get("gear_ratio", jnp.full((), jnp.nan)), dt)
@@ -180,18 +197,21 @@ class VelocityObserver(eqx.Module):
         if self._meter is not None:
             direction = signed_direction(gear.value)
             speeds, spread = self._meter.read(sample, motion.yaw_rate, motion.steer, direction)
-            slip = self._slip * jnp.abs(before[0] * motion.accel_x) / GRAVITY * jnp.sqrt(_SLIP_TIME / step)
+            slip = self._slip * jnp.abs(before[0] * motion.accel_x) / GRAVITY
+            away = jnp.abs(jnp.where(jnp.isfinite(speeds), speeds - before[0] - motion.accel_x * dt, 0.0))
+            slip = slip + _LEAD_GROWTH * jnp.maximum(
+                away - _LEAD_FREE - 2 * state.filter.gaussian.std[0], 0.0
+            )
             told += list(speeds)
-            stds += list(jnp.hypot(spread, slip))
+            stds += list(safe_hypot(spread, slip * jnp.sqrt(_SLIP_TIME / step)))
         told = [jnp.where(jnp.isfinite(value), value, jnp.nan) for value in told]
         along = [v for v, sensor in zip(told, self._model.sensors, strict=False) if sensor != "velocity_y"]
         heard = jnp.any(jnp.isfinite(jnp.stack(along)))
         if "velocity_y" not in self._given:
-            share = motion.accel_y / GRAVITY
-            angle = share / self._rear_stiffness
+            angle, spread = self._slip_angle(motion.accel_y / GRAVITY, friction)
             by_model = self._rear_arm * motion.yaw_rate - before[0] * angle
             told.append(jnp.where(motion.age < STALE, by_model, jnp.nan))
-            error = _MODEL_ANGLE + jnp.abs(angle) * (_MODEL_SHARE + _SATURATION * share**2)
+            error = jnp.hypot(_MODEL_ANGLE, spread)
             stds.append((jnp.abs(before[0]) + 1.0) * error * jnp.sqrt(_MODEL_TIME / step))
         u = _Input(
             motion.accel_x,
@@ -203,3 +223,21 @@ class VelocityObserver(eqx.Module):
         new, _ = self._filter.step(self._model, state.filter, u, jnp.stack(told), dt)
         age = jnp.where(heard, 0.0, state.age + dt)
         return VelocityState(new, gear, age), new.gaussian
+
+    def _slip_angle(
+        self, used: Float[Array, ""], friction: Float[Array, " 2"]
+    ) -> tuple[Float[Array, ""], Float[Array, ""]]:
+        """Slip angle of the rear axle, and what c_r and μ make of its 1σ, rad.
+
+        Args:
+            used: lateral force over load.
+            friction: μ and its 1σ.
+        """
+
+        def angle(mu: Float[Array, ""]) -> Float[Array, ""]:
+            left = jnp.maximum(1 - jnp.abs(used) / mu, 1 - _FULLEST)
+            return 3 * mu / self._rear_stiffness * (1 - jnp.cbrt(left)) * jnp.sign(used)
+
+        mu = jnp.maximum(friction[0], _LEAST_FRICTION)
+        slope = angle(mu) - angle(jnp.maximum(mu - friction[1], 0.5 * mu))
+        return angle(mu), safe_hypot(_MODEL_SHARE * angle(mu), slope)

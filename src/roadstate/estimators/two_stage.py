@@ -1,0 +1,352 @@
+"""Two stages to friction: tire forces by H∞ filters, then friction by an adaptive UKF (paper 000)."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from roadstate.assembly.rows import grouped
+from roadstate.core.channels import WHEELS
+from roadstate.core.constants import GRAVITY
+from roadstate.core.errors import InputError
+from roadstate.core.estimates import Validity
+from roadstate.core.gaussian import Gaussian, Info
+from roadstate.estimators.base import Estimate, Estimator, Need, Sample, leaf
+from roadstate.estimators.contact import NEEDS, OPTIONAL, Contact, ContactMeter, ContactState
+from roadstate.estimators.force_filter import (
+    SLOWEST,
+    Direct,
+    ForceFilter,
+    ForceState,
+    Moving,
+    from_channels,
+)
+from roadstate.estimators.friction_of_forces import YAW_NOISE, ForcesInput, FrictionOfForces
+from roadstate.estimators.signals import Held
+from roadstate.estimators.two_stage_settings import PRINTED, Settings, first_stage, reported, second_stage
+from roadstate.estimators.velocity import STALE
+from roadstate.filters.base import Filter
+from roadstate.linalg import once, root
+from roadstate.tires import TireModel
+from roadstate.vehicles import ThreeDofForces
+from roadstate.vehicles.kinematics import to_body, wheel_steer
+
+if TYPE_CHECKING:
+    from roadstate.vehicles import Vehicle
+
+_ERROR_TIME = 0.3  # s: how long what is not white noise lasts
+_BIAS_TIME = 1.0  # s: the same of the accelerometers' bias, whose share in a drive's forces changes
+_TIRE_SHARE = 0.1  # 1σ of a tire model's force, as a share of it
+_YAW_TIME = 0.3  # s over which the yaw rate is smoothed
+_SILENT = 1.0  # s without what the contact is made of after which nothing is known
+_KNOWN = 0.15  # 1σ over μ up to which friction counts as determined
+_LEAST_FRICTION = 0.02
+_USED_STD = 0.01  # of the friction used, from what the accelerometers' place and the air do
+_USED_WANDER = 0.3  # 1/√s: how the friction used wanders while not measured
+_NORMAL_90 = 1.6449  # two-sided 90 % of a normal distribution
+_TINY = 1e-6
+_MOST_DOUBT = 30.0
+_LEAST_STEP = 1e-3  # s
+
+
+class TwoStageState(NamedTuple):
+    """The contact's, a smoothed yaw rate, both stages', the friction used, and how far to trust it all."""
+
+    contact: ContactState
+    yaw_rate: Held
+    forces: ForceState
+    friction: Any
+    used: Held
+    validity: Int[Array, ""]
+
+
+class TwoStage(Estimator[TwoStageState]):
+    """Tire forces and peak friction in two stages (paper 000).
+
+    A tire model says what forces F⁰ slips, slip angles and loads make at μ = 1; H∞ filters smooth them; an
+    adaptive UKF finds the friction for which μ F⁰ explains a_x, a_y and ṙ, and learns how noisy these are.
+
+    It needs speed, lateral velocity (measured, or observed), steering, wheel speeds, accelerations and yaw
+    rate. It assumes a flat road, a known car, and a tire model that is right up to a tenth of its force; with
+    the default tire, the normalised Dugoff, also that a tire's stiffness grows with friction: a real tire's
+    does not, so that μ comes out too high on slippery roads until the tires near their limit.
+    With any other tire only that part of a force counts which answers to friction.
+    It cannot know the friction of an axle on which nothing acts, such as the front one of a truck with rear
+    drive before it steers: then the interval stays wide, and all that is said of this axle comes from the
+    other one, as far as the prior lets both have friction in common. Three accelerations do not determine
+    four frictions: with the grouping ``four`` intervals stay wide too.
+
+    Attributes:
+        model: of the second stage.
+        filter: of the second stage.
+        forces: the first stage.
+        body: planar motion under given forces.
+        meter: how the contact is read.
+        groups: quantities of friction with their wheels.
+        sensor_noise: (m,) white noise: accelerometers' density, others' 1σ.
+        bias: (3,) 1σ of the error that a_x, a_y, ṙ are measured with for long.
+        tire_share: 1σ of a tire model's force, as a share of it.
+        known_friction: see :class:`Settings`.
+    """
+
+    name: ClassVar[str] = "two-stage"
+    summary: ClassVar[str] = "tire forces (H-infinity), then peak friction (adaptive UKF)"
+    needs: ClassVar[tuple[Need, ...]] = NEEDS
+    optional: ClassVar[tuple[str, ...]] = (*OPTIONAL, "yaw_accel")
+
+    channels: tuple[str, ...] = eqx.field(static=True)
+    sensors: tuple[str, ...] = eqx.field(static=True)
+    model: FrictionOfForces
+    filter: Filter[Any]
+    forces: ForceFilter
+    body: ThreeDofForces
+    meter: ContactMeter
+    groups: tuple[tuple[str, tuple[int, ...]], ...] = eqx.field(static=True)
+    takes_direct: bool = eqx.field(static=True)
+    sensor_noise: Float[Array, " m"]
+    bias: Float[Array, " 3"]
+    tire_share: Float[Array, ""]
+    known_friction: Float[Array, ""] | None
+
+    @classmethod
+    def build(
+        cls,
+        vehicle: Vehicle,
+        available: Collection[str],
+        *,
+        as_printed: bool = False,
+        tire: TireModel | None = None,
+        filter_options: Mapping[str, Any] | None = None,
+        **settings: Any,
+    ) -> Self:
+        """Compose for a vehicle and the channels there.
+
+        Args:
+            vehicle: geometry, mass, tires and sensors' noise are used.
+            available: canonical channels with samples.
+            as_printed: the paper's own settings (for those it does not print, its page in the documentation
+                says what was taken), as far as ``settings`` does not change them.
+            tire: any tire model; default the paper's normalised Dugoff with the file's stiffnesses.
+            filter_options: for the second stage's :class:`~roadstate.filters.adaptive.AdaptiveNoise`.
+            settings: fields of :class:`Settings`.
+
+        Raises:
+            InputError: a grouping or a setting that there is not.
+        """
+        unknown = [name for name in settings if name not in Settings._fields]
+        if unknown:
+            raise InputError(
+                f"no setting is called '{unknown[0]}'", mend=f"known: {', '.join(Settings._fields)}"
+            )
+        chosen = (PRINTED if as_printed else Settings())._replace(**settings)
+        meter = ContactMeter(vehicle, available, direct=chosen.direct)
+        family = grouped("friction", chosen.grouping, "grouping")
+        has_yaw_accel = "yaw_accel" in available
+        sensors = ("accel_x", "accel_y", "yaw_accel" if has_yaw_accel else "yaw_rate")
+        file = vehicle.sensors
+        last = file.yaw_accel.noise if has_yaw_accel else file.yaw_rate.noise
+        noise = np.array([file.accel.noise_density, file.accel.noise_density, last])
+        model = FrictionOfForces(
+            states=(*family.rows, *(() if has_yaw_accel else ("yaw_rate",))),
+            sensors=sensors,
+            of_wheel=family.of_wheel,
+            mean=leaf(chosen.mean),
+            std=jnp.asarray([chosen.shared_std, chosen.own_std]),
+            walk=jnp.asarray([chosen.shared_walk, chosen.own_walk]),
+            step_std=leaf(chosen.step_std),
+        )
+        body = ThreeDofForces.from_vehicle(vehicle)
+        if as_printed:  # one track, no air
+            body = body.with_parameters({"track_front": 0.0, "track_rear": 0.0, "drag_area": 0.0})
+        known = chosen.known_friction
+        told = ("yaw_accel",) if has_yaw_accel else ()
+        return cls(
+            channels=tuple(dict.fromkeys((*meter.channels, *told))),
+            sensors=sensors,
+            model=model,
+            filter=second_stage(chosen, as_printed, dict(filter_options or {})),
+            forces=first_stage(vehicle, chosen, as_printed, meter.direct, tire),
+            body=body,
+            meter=meter,
+            groups=reported(family.of_wheel),
+            takes_direct=chosen.sensor_std is None,
+            sensor_noise=jnp.asarray(noise if chosen.sensor_std is None else np.full(3, chosen.sensor_std)),
+            bias=jnp.asarray(np.array([file.accel.bias, file.accel.bias, 0.0])),
+            tire_share=leaf(_TIRE_SHARE),
+            known_friction=None if known is None else leaf(known),
+        )
+
+    def init(self) -> TwoStageState:
+        """The prior; no sample has come."""
+        return TwoStageState(
+            self.meter.init(),
+            Held.empty(),
+            self.forces.init(),
+            self.filter.init(self.model),
+            Held.empty(),
+            jnp.asarray(int(Validity.SENSOR_MISSING)),
+        )
+
+    def step(self, state: TwoStageState, sample: Sample, dt: Float[Array, ""]) -> tuple[TwoStageState, Info]:
+        """Find the contact, the forces, then the friction."""
+        meter, contact = self.meter.read(state.contact, sample, dt)
+        contact = once(contact)
+        before = self._wheel_friction(state)
+        moving, yaw_rate = self._moving(state, sample, contact, before, dt)
+        ahead, forces, direct, ok = self.forces.step(
+            state.forces, contact, moving if self.takes_direct else None, before, dt
+        )
+        speed = contact.velocity[0]
+        moves = (jnp.abs(speed) > SLOWEST) & (contact.age < STALE)
+        rows = [
+            jnp.where(jnp.isfinite(sample["accel_x"]), contact.accel[0], jnp.nan),
+            jnp.where(jnp.isfinite(sample["accel_y"]), contact.accel[1], jnp.nan),
+            sample[self.sensors[2]],
+        ]
+        known = ahead if self.takes_direct else forces
+        u, moved = once(self._input(contact, known, direct, before, dt))
+        z = jnp.stack(rows) - moved
+        z = jnp.where(moves & jnp.isfinite(z), z, jnp.nan)
+        friction, info = self.filter.step(self.model, state.friction, u, z, dt)
+        measured = jnp.isfinite(sample["accel_x"]) & jnp.isfinite(sample["accel_y"])
+        force = jnp.sqrt(jnp.sum(contact.accel**2) + 1e-12) / GRAVITY
+        used = state.used.take(jnp.where(measured, force, jnp.nan), dt)
+        mean, spread = self._friction(self.filter.posterior(friction), (0, 1, 2, 3))
+        validity = jnp.where(spread < _KNOWN * mean, int(Validity.EXCITED), int(Validity.LOW_EXCITATION))
+        validity = jnp.where(jnp.abs(speed) < SLOWEST, int(Validity.STANDSTILL), validity)
+        validity = jnp.where(contact.age < _SILENT, validity, int(Validity.SENSOR_MISSING))
+        validity = jnp.where(info.ok & ok, validity, int(Validity.DIVERGED))
+        return TwoStageState(meter, yaw_rate, forces, friction, used, validity), info
+
+    def estimate(self, state: TwoStageState) -> Estimate:
+        """Forces of wheels and axles, peak friction of the car and its groups with bounds, friction used."""
+        gaussian = self.filter.posterior(state.friction)
+        values: dict[str, Array] = {"friction_used": state.used.value}
+        std: dict[str, Array] = {"friction_used": _USED_STD + _USED_WANDER * jnp.sqrt(state.used.age)}
+        for name, wheels in self.groups:
+            mean, spread = self._friction(gaussian, wheels)
+            spread = jnp.hypot(spread, self.tire_share * mean)
+            values[name], std[name] = mean, spread
+            values[f"{name}_lower"] = mean - _NORMAL_90 * spread
+            values[f"{name}_upper"] = mean + _NORMAL_90 * spread
+        force, error = self.forces.everywhere(state.forces)
+        friction = self.model.friction(gaussian.mean)
+        doubt = self.model.friction(gaussian.std)
+        if self.known_friction is not None:
+            friction, doubt = jnp.zeros_like(friction) + self.known_friction, jnp.zeros_like(doubt)
+        mu, sigma = (jnp.concatenate([a, a, a[0::2], a[0::2]]) for a in (friction, doubt))
+        spread = jnp.sqrt((mu * error) ** 2 + (sigma * force) ** 2 + (self.tire_share * mu * force) ** 2)
+        for i, (axis, place) in enumerate(
+            (a, p) for places in (WHEELS, ("front", "rear")) for a in "xy" for p in places
+        ):
+            values[f"force_{axis}_{place}"], std[f"force_{axis}_{place}"] = mu[i] * force[i], spread[i]
+        return Estimate(values, std, state.validity)
+
+    def _moving(
+        self,
+        state: TwoStageState,
+        sample: Sample,
+        contact: Contact,
+        friction: Float[Array, " 4"],
+        dt: Float[Array, ""],
+    ) -> tuple[Moving, Held]:
+        """v̇_x, v̇_y and ṙ (as the forces would have it where it is not measured), and a smoothed yaw rate.
+
+        v̇_y = a_y − v_x r: with the yaw rate as measured its noise, times the speed, would count most.
+        """
+        v, noise, step = contact.velocity, self.sensor_noise, jnp.maximum(dt, _LEAST_STEP)
+        forces = jnp.concatenate([friction, friction]) * self.forces.forces(state.forces)
+        yaw_accel = jnp.sum(self._caused(forces, contact)[2])
+        accel = noise[1] / jnp.sqrt(step)
+        yaw_std = YAW_NOISE / jnp.sqrt(step)
+        if self.sensors[2] == "yaw_accel":
+            told = sample["yaw_accel"]
+            seen = jnp.isfinite(told)
+            yaw_accel, yaw_std = jnp.where(seen, told, yaw_accel), jnp.where(seen, noise[2], yaw_std)
+        gain = jnp.where(state.yaw_rate.age < STALE, -jnp.expm1(-step / _YAW_TIME), 1.0)
+        ahead = state.yaw_rate.value + yaw_accel * dt
+        yaw_rate = state.yaw_rate.take(ahead + gain * (sample["yaw_rate"] - ahead), dt)
+        spread = root(0.5 * gain * self.forces.white_std[7] ** 2 + (yaw_std * step) ** 2 / (2 * gain))
+        rate = [contact.accel[0] + v[1] * v[2], contact.accel[1] - v[0] * yaw_rate.value, yaw_accel]
+        std = jnp.stack([accel, jnp.hypot(accel, v[0] * spread), yaw_std])
+        return Moving(jnp.stack(rate), std), yaw_rate
+
+    def _caused(self, F: Float[Array, " 8"], contact: Contact) -> Float[Array, "3 4"]:
+        """What each wheel's force does to a_x, a_y and ṙ."""
+        body, place = self.body, self.body.wheel_positions
+        force = to_body(F[:4], F[4:], wheel_steer(contact.steer))
+        moment = place.x * force.y - place.y * force.x
+        return jnp.stack([force.x / body.mass, force.y / body.mass, moment / body.yaw_inertia])
+
+    def _wheel_friction(self, state: TwoStageState) -> Float[Array, " 4"]:
+        return jnp.maximum(self.model.friction(self.filter.posterior(state.friction).mean), _LEAST_FRICTION)
+
+    def _friction(self, gaussian: Gaussian, wheels: tuple[int, ...]) -> tuple[Array, Array]:
+        """Mean over wheels, and its 1σ."""
+        weights = np.zeros(len(self.model.states))
+        for wheel in wheels:
+            weights[self.model.of_wheel[wheel]] += 1 / len(wheels)
+        row = jnp.asarray(weights, gaussian.mean.dtype)
+        return row @ gaussian.mean, jnp.sqrt(jnp.sum((row @ gaussian.factor) ** 2))
+
+    def _input(
+        self,
+        contact: Contact,
+        known: ForceState,
+        direct: Direct,
+        friction: Float[Array, " 4"],
+        dt: Float[Array, ""],
+    ) -> tuple[ForcesInput, Float[Array, " m"]]:
+        """What the forces do to the car per μ, and how wrong that may be.
+
+        Noise in the forces is an error in variables: taken for a force, it looks like a tire that does
+        nothing for its slip, which draws the friction to zero. So the innovation is made with the forces that
+        the tire model gives now, F⁰_now, and the gain with those that the first stage has predicted, F⁰: in
+        z − Σ μ̂ (F⁰_now − F⁰) = Σ μ F⁰ + noise the gain knows nothing of the noise. (F⁰ is an instrumental
+        variable: Söderström & Stoica, *System Identification*, ch. 8.) All noise is white then, F⁰_now's
+        included. Errors that last are left: an acceleration counts only as far as it exceeds what they, and
+        the error of F⁰, make of nothing: its variance grows with (3σ/value)⁴.
+
+        Returns:
+            The input, and Σ μ̂ (F⁰_now − F⁰) for each sensor.
+        """
+
+        def caused(F: Float[Array, " 8"]) -> Float[Array, "3 4"]:
+            return self._caused(F, contact)
+
+        body = self.body
+        normalized = self.forces.forces(known)
+        per_friction = caused(known.share * normalized)
+        rest = jnp.sum(caused((1 - known.share) * normalized) * friction, axis=1)
+        rest = rest.at[0].add(-body.drag(contact.velocity[0]) / body.mass)
+        shares = jnp.concatenate([per_friction, rest[:, None]], axis=1)
+        distance = contact.velocity[0] * dt
+        nothing = jnp.zeros(3, normalized.dtype)
+        if not self.takes_direct:
+            excited = jnp.ones(3, bool)
+            return ForcesInput(shares, distance, self.sensor_noise, nothing, excited), nothing
+        twice = jnp.concatenate([friction, friction])
+
+        def spread(columns: Float[Array, "8 k"]) -> Float[Array, " 3"]:
+            return jnp.sum(jnp.sum(jax.vmap(caused)((twice[:, None] * columns).T), axis=2) ** 2, axis=0)
+
+        value = jnp.sum(per_friction * friction, axis=1)
+        lasting = spread(direct.lasting)
+        error = lasting + spread(from_channels(jnp.diag(self.forces.channel_std(known))))
+        doubt = 1 + jnp.minimum(9 * error / (value**2 + _TINY), _MOST_DOUBT) ** 2
+        step = jnp.maximum(dt, _LEAST_STEP)
+        is_rate = np.array([s == "yaw_rate" for s in self.sensors])
+        density = jnp.asarray([True, True, False])
+        sensors = self.sensor_noise / jnp.where(density, jnp.sqrt(step), 1.0)
+        white = jnp.sqrt(sensors**2 + jnp.where(is_rate, 0.0, spread(direct.white)))
+        errors = 2 * (lasting * _ERROR_TIME + self.bias**2 * _BIAS_TIME) / step
+        errors = jnp.where(is_rate, 0.0, doubt * errors + (doubt - 1) * white**2)
+        moved = jnp.sum(caused(twice * (direct.force - normalized)), axis=1)
+        u = ForcesInput(shares, distance, white, root(errors), doubt < 2)
+        return u, jnp.where(is_rate, 0.0, moved)
