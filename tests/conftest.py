@@ -14,8 +14,8 @@ from roadstate.core.numerics import use_compilation_cache
 
 ROOT = Path(__file__).resolve().parent.parent
 
-# Tests compile thousands of programs and run each for a moment: without the optimiser that takes less than half
-# the time. Read when the first array is made; an XLA that does not know a flag refuses to start.
+# Tests compile thousands of programs and run each for a moment: without the optimiser that takes less than
+# half the time. Read when the first array is made; an XLA that does not know a flag refuses to start.
 if jax.__version_info__ < (0, 12):
     quickly = "--xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=0"
     os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {quickly}".strip()

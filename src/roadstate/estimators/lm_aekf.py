@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, ClassVar
 
 from roadstate.estimators.friction import FrictionEstimator, Settings
-from roadstate.filters import LimitedMemoryEKF
+from roadstate.filters import GateRule, LimitedMemoryEKF
 from roadstate.filters.base import Filter
 from roadstate.filters.fuzzy import FuzzyNoise
 
@@ -35,9 +35,11 @@ class LimitedMemoryFriction(FrictionEstimator):
 
         Where R holds errors that last, innovations are smaller than it from sample to sample, and mean
         nothing by that: then fuzzy adaptation may only raise it, and old samples are forgotten only where
-        new ones know as much.
+        new ones know as much. A single wild sample is refused; the fourth in a row is believed, for it may be
+        another road.
         """
         usual: dict[str, Any] = {}
         if settings.sensor_std is None:
-            usual = {"memory": 100, "least_share": 0.5, "fuzzy": FuzzyNoise(floor=1.0)}
+            gate = GateRule(patience=3)
+            usual = {"memory": 100, "least_share": 0.5, "fuzzy": FuzzyNoise(floor=1.0), "gate": gate}
         return LimitedMemoryEKF(**(usual | options))
