@@ -141,7 +141,9 @@ def test_dbc_that_is_none(refused: Refused, tmp_path: Path, shared_data: Path) -
 
 def test_channel_of_nothing_but_nan_counts_as_missing(refused: Refused, tmp_path: Path) -> None:
     file = write(steady(accel_x=np.full(50, np.nan)), tmp_path / "log.csv")
-    assert refused(file) == f"log.csv: {NOT_EVEN_SPEED}"
+    least = "debe needs a drive torque; kmbe needs the longitudinal accelerometer"
+    said = f"log.csv: no estimator can run on the channels there ({least}); map the missing ones"
+    assert refused(file) == said
 
 
 def test_nan_blocks_are_no_error(run: Run, tmp_path: Path) -> None:

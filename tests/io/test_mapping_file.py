@@ -199,6 +199,7 @@ def test_there_are_examples() -> None:
         "comma2k19/mapping.yaml",
         "comma2k19/mapping_phone.yaml",
         "css_mf4/mapping.yaml",
+        "revs_250lm/mapping.yaml",
     ]
 
 

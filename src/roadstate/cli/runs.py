@@ -138,7 +138,12 @@ def _all_that_run(log: Log) -> list[str]:
 
     names = runnable(log.available)
     if not names:
-        needs = "; ".join(f"{name} needs {needs_text(e.needs)}" for name, e in all_estimators().items())
+        missing = {
+            name: [need for need in e.needs if not need.is_met(log.available)]
+            for name, e in all_estimators().items()
+        }
+        least = min(len(m) for m in missing.values())
+        needs = "; ".join(f"{name} needs {needs_text(m)}" for name, m in missing.items() if len(m) == least)
         raise InputError(f"no estimator can run on the channels there ({needs})", mend="map the missing ones")
     return names
 
