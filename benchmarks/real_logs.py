@@ -93,7 +93,7 @@ def comma2k19() -> str:
     folder = DATA / "comma2k19"
     parts = []
     cases = [
-        ("car's accelerometer", "vehicle.yaml", "mapping.yaml", ("kmbe", "debe")),
+        ("car's accelerometer", "vehicle.yaml", "mapping.yaml", ("kmbe", "debe", "tfobe")),
         ("phone's accelerometer", "vehicle_phone.yaml", "mapping_phone.yaml", ("kmbe",)),
     ]
     for title, vehicle, mapping, names in cases:

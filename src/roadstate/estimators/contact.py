@@ -73,10 +73,12 @@ class ContactMeter(eqx.Module):
         channels: canonical channels read.
         direct: v_x and v_y are read as they are measured, instead of through a
             :class:`~roadstate.estimators.velocity.VelocityObserver`, and nothing is freed of pitch and roll.
+        speed_scale: 1σ of the speed's relative error, of rolling radii that are not known exactly.
     """
 
     channels: tuple[str, ...] = eqx.field(static=True)
     direct: bool = eqx.field(static=True)
+    speed_scale: Float[Array, ""]
     _has_wheels: bool = eqx.field(static=True)
     _steering: str = eqx.field(static=True)
     _steering_ratio: Float[Array, ""]
@@ -109,6 +111,7 @@ class ContactMeter(eqx.Module):
         self._gain = 1 + GRAVITY * leaning
         self._wheel_noise = leaf(vehicle.sensors.wheel_speed.noise)
         self._scale = leaf(vehicle.sensors.wheel_speed.scale if self._has_wheels else _UNSEEN_SLIP)
+        self.speed_scale = leaf(0.0 if "speed" in available else vehicle.sensors.wheel_speed.scale)
         self._radius = leaf(vehicle.wheels.radius)
         self._friction = jnp.asarray([vehicle.tires.friction, _FRICTION_SHARE * vehicle.tires.friction])
         geometry = vehicle.geometry

@@ -261,7 +261,8 @@ class FrictionEstimator(Estimator[FrictionState]):
         validity = jnp.where(jnp.abs(speed) < _SLOWEST, int(Validity.STANDSTILL), validity)
         validity = jnp.where(contact.age < _SILENT, validity, int(Validity.SENSOR_MISSING))
         validity = jnp.where(info.ok, validity, int(Validity.DIVERGED))
-        velocity = jnp.concatenate([contact.velocity[:2], contact.std[:2]])
+        speed_std = jnp.hypot(contact.std[0], self.meter.speed_scale * speed)
+        velocity = jnp.append(contact.velocity[:2], jnp.stack([speed_std, contact.std[1]]))
         return FrictionState(filter_state, meter, yaw_rate, used, proven, tire, velocity, validity), info
 
     def estimate(self, state: FrictionState) -> Estimate:

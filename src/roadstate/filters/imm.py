@@ -108,6 +108,9 @@ class IMM(Filter[IMMState]):
         present = jnp.isfinite(z)
         surprise = jnp.where(present, infos.innovation, 0)
         sound = jnp.all(jnp.isfinite(surprise), axis=1) & jnp.all(jnp.isfinite(infos.S), axis=(1, 2))
+        # only as far out as its square can be told: beyond, modes would differ by rounding alone
+        furthest = 1e-3 * jnp.sqrt(jnp.finfo(surprise.dtype).max)
+        surprise = jnp.clip(surprise, -furthest, furthest)
         before, _ = normalized(jnp.where(sound, state.log_probability, -jnp.inf))
         mean, between = deviations(jnp.where(sound[:, None], surprise, 0).T, before)
         spread = jnp.where(sound[:, None, None], infos.S, 0) * jnp.exp(before)[:, None, None]
