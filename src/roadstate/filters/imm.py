@@ -109,7 +109,7 @@ class IMM(Filter[IMMState]):
         surprise = jnp.where(present, infos.innovation, 0)
         sound = jnp.all(jnp.isfinite(surprise), axis=1) & jnp.all(jnp.isfinite(infos.S), axis=(1, 2))
         # only as far out as its square can be told: beyond, modes would differ by rounding alone
-        furthest = 1e-3 * jnp.sqrt(jnp.finfo(surprise.dtype).max)
+        furthest = 1e-3 * float(np.finfo(surprise.dtype).max) ** 0.5
         surprise = jnp.clip(surprise, -furthest, furthest)
         before, _ = normalized(jnp.where(sound, state.log_probability, -jnp.inf))
         mean, between = deviations(jnp.where(sound[:, None], surprise, 0).T, before)
