@@ -12,13 +12,14 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from roadstate.assembly.rows import Grouping, grouped
-from roadstate.core.channels import WHEELS, did_you_mean
+from roadstate.core.channels import did_you_mean
 from roadstate.core.constants import GRAVITY
 from roadstate.core.errors import InputError
 from roadstate.core.estimates import Validity
 from roadstate.core.gaussian import Info
 from roadstate.estimators.base import Estimate, Estimator, Need, Sample, leaf
 from roadstate.estimators.contact import NEEDS, OPTIONAL, Contact, ContactMeter, ContactState
+from roadstate.estimators.friction_groups import mean_friction, mean_weights, reported
 from roadstate.estimators.friction_model import FrictionInput, FrictionModel
 from roadstate.estimators.signals import Held
 from roadstate.estimators.velocity import STALE
@@ -49,7 +50,6 @@ _USED_WANDER = 0.3  # 1/√s: how the used friction wanders while not measured
 _NORMAL_90 = 1.6449  # two-sided 90 % of a normal distribution
 _TINY = 1e-6
 _ROWS = ("accel_x", "accel_y", "yaw_accel", "yaw_rate")
-_GROUPS = {"front": (0, 1), "rear": (2, 3), "left": (0, 2), "right": (1, 3)}
 
 
 class Settings(NamedTuple):
@@ -217,7 +217,7 @@ class FrictionEstimator(Estimator[FrictionState]):
             model=model,
             filter=cls.make_filter(chosen, as_printed=as_printed, **dict(filter_options or {})),
             meter=meter,
-            groups=_reported(family.of_wheel),
+            groups=reported(family.of_wheel),
             has_own_noise=chosen.sensor_std is not None,
             sensor_std=jnp.asarray(np.array(std)),
             bias=jnp.asarray(np.array(bias)),
@@ -288,19 +288,14 @@ class FrictionEstimator(Estimator[FrictionState]):
             values[f"{name}_upper"] = jnp.clip(mean + _NORMAL_90 * spread, value, _MOST)
         return Estimate(values, std, state.validity)
 
-    def weights(self, quantity: str, dtype: Any) -> Float[Array, " n"]:
-        """What the mean friction of a quantity's wheels takes of each state."""
-        wheels = dict(self.groups)[quantity]
-        weights = np.zeros(len(self.model.states))
-        for wheel in wheels:
-            weights[self.model.of_wheel[wheel]] += 1 / len(wheels)
-        return jnp.asarray(weights, dtype)
+    def weights(self, quantity: str, like: Array) -> Float[Array, " n"]:
+        """What the mean friction of a quantity's wheels takes of each state; ``like`` the states, (n,)."""
+        return mean_weights(self.model.of_wheel, dict(self.groups)[quantity], like)
 
     def _friction(self, state: Any, quantity: str) -> tuple[Array, Array]:
         """Mean and 1σ of a quantity."""
-        gaussian = self.filter.posterior(state)
-        weights = self.weights(quantity, gaussian.mean.dtype)
-        return weights @ gaussian.mean, jnp.sqrt(jnp.sum((weights @ gaussian.factor) ** 2))
+        wheels = dict(self.groups)[quantity]
+        return mean_friction(self.filter.posterior(state), self.model.of_wheel, wheels)
 
     def _read(
         self, state: FrictionState, sample: Sample, contact: Contact, dt: Float[Array, ""]
@@ -362,7 +357,8 @@ class FrictionEstimator(Estimator[FrictionState]):
         if self.has_own_noise:
             return state.tire
         before, after = (self._friction(f, "friction_peak")[1] ** 2 for f in (state.filter, filter_state))
-        walk = self.weights("friction_peak", after.dtype) @ self.model.sqrt_Q(u, dt)
+        states = self.filter.posterior(filter_state).mean
+        walk = self.weights("friction_peak", states) @ self.model.sqrt_Q(u, dt)
         share = jnp.clip(1 - after / (before + jnp.sum(walk**2) + _TINY**2), 0.0, 1.0)
         mean, _ = self._friction(state.filter, "friction_peak")
         error = self.model.tire_error(mean / self.file_friction, u.contact)
@@ -380,18 +376,3 @@ def normalized_tire(vehicle: Vehicle, model: str | None = None) -> TireModel:
         raise InputError(f"no tire model is called '{name}'", mend=did_you_mean(name, all_tires()))
     tires = vehicle.tires.model_copy(update={"model": name})
     return tire_of(vehicle.model_copy(update={"tires": tires}))
-
-
-def _reported(of_wheel: tuple[int, ...]) -> tuple[tuple[str, tuple[int, ...]], ...]:
-    """Quantities with their wheels: the car's, and those that the grouping tells apart."""
-    found: list[tuple[str, tuple[int, ...]]] = [("friction_peak", (0, 1, 2, 3))]
-    count = len(set(of_wheel))
-    if count > 1:
-        found += [
-            (f"friction_peak_{name}", wheels)
-            for name, wheels in _GROUPS.items()
-            if count == len(WHEELS) or len({of_wheel[w] for w in wheels}) == 1
-        ]
-    if count == len(WHEELS):
-        found += [(f"friction_peak_{name}", (i,)) for i, name in enumerate(WHEELS)]
-    return tuple(found)

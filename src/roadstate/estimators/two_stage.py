@@ -16,7 +16,7 @@ from roadstate.core.channels import WHEELS
 from roadstate.core.constants import GRAVITY
 from roadstate.core.errors import InputError
 from roadstate.core.estimates import Validity
-from roadstate.core.gaussian import Gaussian, Info
+from roadstate.core.gaussian import Info
 from roadstate.estimators.base import Estimate, Estimator, Need, Sample, leaf
 from roadstate.estimators.contact import NEEDS, OPTIONAL, Contact, ContactMeter, ContactState
 from roadstate.estimators.force_filter import (
@@ -27,9 +27,10 @@ from roadstate.estimators.force_filter import (
     Moving,
     from_channels,
 )
+from roadstate.estimators.friction_groups import ALL_WHEELS, mean_friction, reported
 from roadstate.estimators.friction_of_forces import YAW_NOISE, ForcesInput, FrictionOfForces
 from roadstate.estimators.signals import Held
-from roadstate.estimators.two_stage_settings import PRINTED, Settings, first_stage, reported, second_stage
+from roadstate.estimators.two_stage_settings import PRINTED, Settings, first_stage, second_stage
 from roadstate.estimators.velocity import STALE
 from roadstate.filters.base import Filter
 from roadstate.linalg import once, root
@@ -217,7 +218,7 @@ class TwoStage(Estimator[TwoStageState]):
         measured = jnp.isfinite(sample["accel_x"]) & jnp.isfinite(sample["accel_y"])
         force = jnp.sqrt(jnp.sum(contact.accel**2) + 1e-12) / GRAVITY
         used = state.used.take(jnp.where(measured, force, jnp.nan), dt)
-        mean, spread = self._friction(self.filter.posterior(friction), (0, 1, 2, 3))
+        mean, spread = mean_friction(self.filter.posterior(friction), self.model.of_wheel, ALL_WHEELS)
         validity = jnp.where(spread < _KNOWN * mean, int(Validity.EXCITED), int(Validity.LOW_EXCITATION))
         validity = jnp.where(jnp.abs(speed) < SLOWEST, int(Validity.STANDSTILL), validity)
         validity = jnp.where(contact.age < _SILENT, validity, int(Validity.SENSOR_MISSING))
@@ -230,7 +231,7 @@ class TwoStage(Estimator[TwoStageState]):
         values: dict[str, Array] = {"friction_used": state.used.value}
         std: dict[str, Array] = {"friction_used": _USED_STD + _USED_WANDER * jnp.sqrt(state.used.age)}
         for name, wheels in self.groups:
-            mean, spread = self._friction(gaussian, wheels)
+            mean, spread = mean_friction(gaussian, self.model.of_wheel, wheels)
             spread = jnp.hypot(spread, self.tire_share * mean)
             values[name], std[name] = mean, spread
             values[f"{name}_lower"] = mean - _NORMAL_90 * spread
@@ -286,14 +287,6 @@ class TwoStage(Estimator[TwoStageState]):
 
     def _wheel_friction(self, state: TwoStageState) -> Float[Array, " 4"]:
         return jnp.maximum(self.model.friction(self.filter.posterior(state.friction).mean), _LEAST_FRICTION)
-
-    def _friction(self, gaussian: Gaussian, wheels: tuple[int, ...]) -> tuple[Array, Array]:
-        """Mean over wheels, and its 1σ."""
-        weights = np.zeros(len(self.model.states))
-        for wheel in wheels:
-            weights[self.model.of_wheel[wheel]] += 1 / len(wheels)
-        row = jnp.asarray(weights, gaussian.mean.dtype)
-        return row @ gaussian.mean, jnp.sqrt(jnp.sum((row @ gaussian.factor) ** 2))
 
     def _input(
         self,

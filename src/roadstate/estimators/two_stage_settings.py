@@ -9,7 +9,6 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from roadstate.assembly.rows import Grouping
-from roadstate.core.channels import WHEELS
 from roadstate.estimators.base import leaf
 from roadstate.estimators.force_filter import ForceFilter, ForceModel, channel_loads
 from roadstate.estimators.friction import normalized_tire
@@ -25,7 +24,6 @@ if TYPE_CHECKING:
     from roadstate.vehicles import Vehicle
 
 _STEER_WHITE = 5e-4  # rad: noise of the mean road-wheel angle
-_GROUPS = {"front": (0, 1), "rear": (2, 3), "left": (0, 2), "right": (1, 3)}
 
 
 class Settings(NamedTuple):
@@ -131,18 +129,3 @@ def second_stage(chosen: Settings, as_printed: bool, options: dict[str, Any]) ->
 def _teaches(model: Any, x: Float[Array, " n"], u: ForcesInput) -> Bool[Array, " m"]:
     """Which sensors' residuals tell of their noise."""
     return u.excited
-
-
-def reported(of_wheel: tuple[int, ...]) -> tuple[tuple[str, tuple[int, ...]], ...]:
-    """Quantities with their wheels: the car's, and those that the grouping tells apart."""
-    found: list[tuple[str, tuple[int, ...]]] = [("friction_peak", (0, 1, 2, 3))]
-    count = len(set(of_wheel))
-    if count > 1:
-        found += [
-            (f"friction_peak_{name}", wheels)
-            for name, wheels in _GROUPS.items()
-            if count == len(WHEELS) or len({of_wheel[w] for w in wheels}) == 1
-        ]
-    if count == len(WHEELS):
-        found += [(f"friction_peak_{name}", (i,)) for i, name in enumerate(WHEELS)]
-    return tuple(found)

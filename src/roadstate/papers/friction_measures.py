@@ -166,7 +166,7 @@ def least_std(estimator: FrictionEstimator, log: Log, quantity: str = "friction_
     u, present = _told(estimator, jnp.asarray(table), jnp.asarray(dt))
     bound = cramer_rao_bound(model, jnp.asarray(states), u, jnp.asarray(dt), present=present)
     factor = bound.factor[: len(log)]
-    weights = estimator.weights(quantity, factor.dtype)
+    weights = estimator.weights(quantity, factor[0, 0])
     spread: Numbers = np.asarray(jnp.sqrt(jnp.sum((weights @ factor) ** 2, axis=-1)))
     return spread
 
