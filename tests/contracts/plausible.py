@@ -74,6 +74,7 @@ def plausible_log(vehicle: Vehicle, samples: int, *, tick: float = 1 / 128, seed
 
 
 _MIRRORED_SIGN = {
+    "bank",
     "steer",
     "steering_wheel",
     "accel_y",

@@ -39,6 +39,8 @@ class Validity(IntEnum):
     """Brakes act (or seem to) with a force the model does not know; its noise is inflated."""
     GEAR_SHIFT = 6
     """The driveline is open or changing gear; its noise is inflated."""
+    SENSOR_FAULT = 7
+    """A sensor is stuck, or contradicts the others: swapped in sign, say; it is left out where it can be."""
 
     @property
     def label(self) -> str:

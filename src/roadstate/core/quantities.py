@@ -75,6 +75,7 @@ def _tables() -> tuple[dict[str, Channel], dict[str, Reference]]:
         return Reference((name,), _first)
 
     add(Channel("grade", "rad", "road grade angle", "uphill"), plain("ref_grade"))
+    add(Channel("bank", "rad", "road bank angle", "left side higher"), plain("ref_bank"))
     whole = Reference(_per_wheel("ref_friction"), _mean)
     _add_friction(add, "friction_peak", "peak tire-road friction coefficient", whole)
     for group, (text, wheels) in _GROUPS.items():
@@ -106,6 +107,7 @@ def _tables() -> tuple[dict[str, Channel], dict[str, Reference]]:
     )
     add(Channel("yaw_rate", "rad/s", "rotation rate about z", "to the left"))
     add(Channel("altitude", "m", "height of the car", "up"))
+    add(Channel("mass", "kg", "mass of the car with its load"))
     add(Channel("accel_x_bias", "m/s^2", "bias of the longitudinal accelerometer", "reads too high"))
     return {row.name: row for row in rows}, references
 

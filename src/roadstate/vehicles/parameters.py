@@ -35,6 +35,7 @@ _CorneringStiffness = Annotated[float, Quantity("1/rad", 1, 100)]
 _SlipStiffness = Annotated[float, Quantity("-", 1, 200)]
 _Friction = Annotated[float, Quantity("-", 0.02, 3)]
 _RelaxationLength = Annotated[float, Quantity("m", 0, 5)]
+_Shape = Annotated[float, Quantity("-", 1.05, 1.95)]
 
 
 class Geometry(Section):
@@ -174,6 +175,9 @@ class Tires(Section):
     """C_κ/F_z: longitudinal force per slip and load at small slip"""
     friction: _Friction = 1.0
     """Peak friction coefficient on dry asphalt"""
+    shape: _Shape = 1.45
+    """Shape factor C of F/(μF_z) = sin(C atan(x/C)), x the slip times the stiffness over μ: a low one bends
+    early and saturates late (brush about 1.2, a passenger car's tire 1.3…1.7)"""
     relaxation_length: _RelaxationLength = 0.4
     """Distance rolled in which the lateral force builds up to 63 %"""
 

@@ -26,6 +26,9 @@ _Grade = Annotated[float, Quantity("rad", 1e-4, 0.5, is_slope=True)]
 _RoadLength = Annotated[float, Quantity("m", 1, 1e5)]
 _RollingCoefficient = Annotated[float, Quantity("-", 0, 0.1)]
 _PitchGradient = Annotated[float, Quantity("rad/(m/s^2)", 0, 0.05)]
+_SteerError = Annotated[float, Quantity("rad", 0, 0.2)]
+_Duration = Annotated[float, Quantity("s", 0.1, 1e5)]
+_ShapeError = Annotated[float, Quantity("-", 0, 0.5)]
 
 
 class Section(BaseModel):
@@ -82,6 +85,15 @@ class YawAccelerationSensor(Section):
     """1σ of a sample"""
 
 
+class SteerSensor(Section):
+    """The steering angle, as an angle of the front road wheels."""
+
+    noise: _SteerError = 0.002
+    """1σ of a sample, with what elastic parts and play change"""
+    bias: _SteerError = 0.003
+    """1σ of the constant error"""
+
+
 class TorqueSensor(Section):
     """A torque the car reports."""
 
@@ -105,6 +117,10 @@ class AltitudeSensor(Section):
 
     noise: _AltitudeNoise = 2.0
     """1σ of a sample"""
+    wander: _AltitudeNoise = 2.0
+    """1σ of the error that lasts"""
+    wander_time: _Duration = 60.0
+    """How long it lasts (its correlation falls to 1/e)"""
 
 
 class VerticalSpeedSensor(Section):
@@ -129,6 +145,8 @@ class Sensors(Section):
     """Lateral velocity"""
     yaw_accel: YawAccelerationSensor = YawAccelerationSensor()
     """Yaw acceleration"""
+    steer: SteerSensor = SteerSensor()
+    """Steering angle"""
     engine_torque: TorqueSensor = TorqueSensor()
     """Engine's (or motor's) torque as the car reports it"""
     wheel_torque: WheelTorqueSensor = WheelTorqueSensor()
@@ -146,6 +164,8 @@ class Prior(Section):
     """1σ of the grade of the roads driven; 4 % is hilly, 2 % flat country"""
     grade_correlation_length: _RoadLength = 160.0
     """Distance over which the grade of the road stays alike (its correlation falls to one half)"""
+    bank_std: _Grade = 0.03
+    """1σ of the bank of the roads driven"""
     mass_relative: _Share = 0.05
     """1σ of the mass, as a share of it (load and passengers)"""
     drag_relative: _Share = 0.1
@@ -154,3 +174,9 @@ class Prior(Section):
     """1σ of the rolling-resistance coefficient"""
     pitch_gradient_std: _PitchGradient = 0.002
     """1σ of the body's pitch gradient"""
+    stiffness_relative: _Share = 0.12
+    """1σ of the tires' cornering and slip stiffness, as a share of it"""
+    tire_shape_std: _ShapeError = 0.15
+    """1σ of the tires' shape factor"""
+    friction_relative: _Share = 0.15
+    """1σ of the tires' peak friction on dry asphalt, as a share of it"""

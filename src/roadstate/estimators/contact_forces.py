@@ -1,0 +1,247 @@
+"""What the road does to the tires, from accelerations and torques alone: no tire model has a say in it."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import TYPE_CHECKING, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from roadstate.core.constants import GRAVITY
+from roadstate.core.errors import InputError
+from roadstate.estimators.base import Sample
+from roadstate.estimators.intake import ACCEL_X, ACCEL_Y, SMOOTHING, SPIN, STALE, STEER, YAW_RATE, Signals
+from roadstate.estimators.signals import STANDSTILL_SPEED, Held
+from roadstate.estimators.traction import BrakeWatch, Traction, TractionMeter, TractionState
+from roadstate.vehicles import SevenDofForces
+
+if TYPE_CHECKING:
+    from roadstate.vehicles import Vehicle
+
+_TORQUE_TIME = 0.1  # s: correlation time of the torque signals' noise
+_TORQUE_DELAY = 0.03  # s by which a torque signal may be late
+_UNKNOWN = {"shift": 1.5, "brake": 6.0, "drive": 3.0}  # m/s²/√Hz: intensity of a force that is not known
+_COASTING = 0.4  # m/s²: drive below which the pedal counts as released
+_CRAWL = 1.0  # m/s under which a brake's torque may be anything up to what it could be
+_UNEVEN = 0.02  # m/s²/√Hz: what the road's unevenness does to the force that torques tell
+_GUST = 3.0  # m/s/√Hz: a wind that varies by 1 m/s over 5 s
+_TURNING = 0.05  # 1σ of the share of the front axle's lateral force that steering turns backward
+_SPLIT_ERROR = 0.3  # 1σ of a brake's share of a force whose distribution nothing tells
+_INERTIA_ERROR = 0.1  # 1σ of the yaw inertia, as a share of it
+_PLACE_ERROR = 0.2  # m: 1σ of where the IMU is along the car
+_LARGEST = 0.7  # of the weight: no wheel's torque makes more
+
+
+class ForceMeterState(NamedTuple):
+    """State of a :class:`ForceMeter`; ``torque`` (8,) are drive and brake torques, low-passed, N·m."""
+
+    traction: TractionState | None
+    brakes: BrakeWatch
+    torque: Float[Array, " 8"]
+
+
+class AxleForces(NamedTuple):
+    """Forces on a car of exactly the file's mass.
+
+    Attributes:
+        along: (4,) F_x of the wheels in their own frames, N.
+        across: (2,) F_y of the axles in their wheels' frames, N.
+        load: (4,) N.
+        along_std, across_std: (4,), (2,) 1σ over load, beyond what every such measurement errs; infinite
+            where nothing tells.
+        accel: (2,) specific force at the centre of gravity along and across, low-passed, m/s².
+        explained: what torques and air resistance make of the first, m/s².
+        drive, brake, rolling: m/s², as :class:`~roadstate.estimators.along.AlongInput`.
+        intensity: of the error of ``explained``, m/s²/√Hz.
+        age: s since the torque came; huge where there is none.
+        is_shifting, is_brake_unknown: as :class:`~roadstate.estimators.traction.Traction`.
+    """
+
+    along: Float[Array, " 4"]
+    across: Float[Array, " 2"]
+    load: Float[Array, " 4"]
+    along_std: Float[Array, " 4"]
+    across_std: Float[Array, " 2"]
+    accel: Float[Array, " 2"]
+    explained: Float[Array, ""]
+    drive: Float[Array, ""]
+    brake: Float[Array, ""]
+    rolling: Float[Array, ""]
+    intensity: Float[Array, ""]
+    age: Float[Array, ""]
+    is_shifting: Bool[Array, ""]
+    is_brake_unknown: Bool[Array, ""]
+
+
+class ForceMeter(eqx.Module):
+    """Balances forces: torques tell each wheel's F_x, accelerometers the sums, ṙ the axles' F_y.
+
+    I_w ω̇_i = T_i − R F_x,i − M_rolling per wheel; what the accelerometer says beyond the sum is distributed
+    as the torques are (or as the load, under brakes that no channel tells of), so that force over load does
+    not depend on the mass in the file: L Y_f = l_r m a_y + I_z ṙ − M_x and L Y_r = l_f m a_y − I_z ṙ + M_x,
+    with M_x the moment of the longitudinal forces.
+
+    Attributes:
+        channels: canonical channels read.
+        has_torque: whether a drive torque is measured.
+        car: planar dynamics under given forces.
+    """
+
+    channels: tuple[str, ...] = eqx.field(static=True)
+    has_torque: bool = eqx.field(static=True)
+    car: SevenDofForces
+    _traction: TractionMeter | None
+    _driven: Float[Array, " 4"]
+    _half_track: Float[Array, " 4"]
+
+    def __init__(self, vehicle: Vehicle, available: Collection[str]) -> None:
+        try:
+            self._traction = TractionMeter(vehicle, available)
+        except InputError:  # no torque that tells the force at the wheels
+            self._traction = None
+        self.has_torque = self._traction is not None
+        self.channels = () if self._traction is None else self._traction.channels
+        self.car = SevenDofForces.from_vehicle(vehicle)
+        driven = {"front": (1, 1, 0, 0), "rear": (0, 0, 1, 1), "all": (1, 1, 1, 1)}[vehicle.driveline.driven]
+        self._driven = jnp.asarray(np.array(driven) / sum(driven))
+        front, rear = vehicle.geometry.track_front / 2, vehicle.geometry.track_rear / 2
+        self._half_track = jnp.asarray(np.array([front, -front, rear, -rear]))
+
+    def init(self) -> ForceMeterState:
+        """Nothing has come yet."""
+        traction = None if self._traction is None else self._traction.init()
+        return ForceMeterState(traction, BrakeWatch(jnp.zeros(())), jnp.zeros(8))
+
+    def nothing(self) -> AxleForces:
+        """What is known before the first sample."""
+        zero, two, four = jnp.zeros(()), jnp.zeros(2), jnp.zeros(4)
+        no = jnp.zeros((), bool)
+        load = self.car.wheel_loads(zero, zero)
+        return AxleForces(
+            four, two, load, four + jnp.inf, two + jnp.inf, two, zero, zero, zero, zero, zero + 1.0,
+            zero + 1e6, no, no,
+        )  # fmt: skip
+
+    def read(
+        self,
+        state: ForceMeterState,
+        sample: Sample,
+        signals: Signals,
+        speed: Float[Array, ""],
+        accel_error: Float[Array, " 2"],
+        dt: Float[Array, ""],
+    ) -> tuple[ForceMeterState, AxleForces]:
+        """Take a sample ``dt`` after the last.
+
+        Args:
+            state: from :meth:`init` or the last call.
+            sample: the channels at this instant.
+            signals: of the same instant.
+            speed: m/s, the estimate so far.
+            accel_error: (2,) by how much the accelerometers are thought to read too high, m/s².
+            dt: s.
+        """
+        car, smooth = self.car, signals.smooth
+        radius, mass = car.wheel_radius[0], car.mass
+        accel = smooth[ACCEL_X : ACCEL_Y + 1] - accel_error
+        load = car.wheel_loads(accel[0], accel[1])
+        drag = car.drag(speed) / mass
+        direction = jnp.tanh(speed / STANDSTILL_SPEED)
+        traction, drive = self._torques(state.traction, sample, speed, dt)
+        most = _LARGEST * mass * GRAVITY * radius
+        pulling = jnp.clip(drive.drive_torque, -most, most)
+        braking = jnp.minimum(drive.brake_torque, most) * direction
+        fresh = jnp.concatenate([pulling, braking])
+        torque = state.torque - jnp.expm1(-dt / SMOOTHING) * (fresh - state.torque)
+        held = Held(signals.value[ACCEL_X], signals.age[ACCEL_X])
+        push = jnp.sum(pulling) / (radius * mass)
+        brakes = state.brakes.take(held, push - drag, dt)
+        knows_brakes = self._traction is not None and self._traction.knows_brakes
+        seems = brakes.suspects(push < _COASTING) & (held.age < STALE) & (not knows_brakes)
+        unknown = drive.is_brake_unknown | seems
+        engine = jnp.maximum(drive.inertia - mass - jnp.sum(car.wheel_inertia) / radius**2, 0) * radius**2
+        inertia = car.wheel_inertia + engine * self._driven
+        coefficient = car.rolling_resistance + car.rolling_resistance_speed * speed**2
+        rim = torque[:4] - torque[4:] - inertia * signals.rate[SPIN]
+        told = rim / radius - coefficient * load * direction
+        angle = jnp.clip(smooth[STEER], -0.9, 0.9)
+        cosine, sine = jnp.cos(angle), jnp.sin(angle)
+        turn = jnp.stack([cosine, cosine, jnp.ones_like(cosine), jnp.ones_like(cosine)])
+        known = drive.age < STALE
+        told = jnp.where(known, told, 0.0)
+        across = self._across(told, accel[1], signals.rate[YAW_RATE], cosine, sine)
+        explained = (jnp.sum(told * turn) - across[0] * sine) / mass - drag
+        rest = mass * (accel[0] + drag) - jnp.sum(told * turn) + across[0] * sine
+        share = jnp.abs(torque[:4]) + jnp.abs(torque[4:]) + 0.02 * most * self._driven
+        by_load = load / jnp.sum(load)
+        blind = unknown | ((~known) & (rest < 0))
+        share = jnp.where(blind, by_load, jnp.where(known, share / jnp.sum(share), self._driven))
+        felt = signals.age[ACCEL_X] < STALE
+        along = told + jnp.where(felt, share * rest, 0.0) / turn
+        across = self._across(along, accel[1], signals.rate[YAW_RATE], cosine, sine)
+        by_axle = load.reshape(2, 2).sum(axis=1)
+        split = jnp.where(blind, _SPLIT_ERROR * jnp.abs(along), 0.02 * jnp.abs(rest) * jnp.ones(4))
+        unsure = jnp.where(felt | (known & ~unknown), 0.0, jnp.inf)
+        rotation = jnp.abs(signals.rate[YAW_RATE])
+        moment = _INERTIA_ERROR * car.yaw_inertia * rotation / (by_axle * self._wheelbase)
+        missing = jnp.where((signals.age[ACCEL_Y] < STALE) & (signals.age[YAW_RATE] < STALE), 0.0, jnp.inf)
+        forces = AxleForces(
+            along=along,
+            across=across,
+            load=load,
+            along_std=split / jnp.maximum(load, 0.1 * jnp.mean(load)) + unsure,
+            across_std=jnp.hypot(moment, _PLACE_ERROR * rotation / GRAVITY) + missing,
+            accel=accel,
+            explained=explained,
+            drive=jnp.sum(torque[:4]) / (radius * mass),
+            brake=jnp.sum(torque[4:]) / (radius * mass),
+            rolling=GRAVITY * direction,
+            intensity=self._intensity(drive, unknown, jnp.sum(jnp.abs(fresh - torque)), speed, accel, sine),
+            age=drive.age,
+            is_shifting=drive.is_shifting,
+            is_brake_unknown=unknown,
+        )
+        return ForceMeterState(traction, brakes, torque), forces
+
+    @property
+    def _wheelbase(self) -> Array:
+        return jnp.asarray(self.car.cg_to_front_axle + self.car.cg_to_rear_axle)
+
+    def _torques(
+        self, state: TractionState | None, sample: Sample, speed: Array, dt: Array
+    ) -> tuple[TractionState | None, Traction]:
+        if self._traction is not None and state is not None:
+            return self._traction.read(state, sample, speed, dt)
+        zero, four, no = jnp.zeros(()), jnp.zeros(4), jnp.zeros((), bool)
+        mass = self.car.mass + jnp.sum(self.car.wheel_inertia) / self.car.wheel_radius[0] ** 2
+        return None, Traction(zero, zero, zero, zero, mass, zero + 1e6, no, no, no, four, four)
+
+    def _across(
+        self, along: Array, accel_y: Array, yaw_accel: Array, cosine: Array, sine: Array
+    ) -> Float[Array, " 2"]:
+        """(2,) lateral forces of the axles in their wheels' frames, N."""
+        car = self.car
+        turn = jnp.stack([cosine, cosine, jnp.ones_like(cosine), jnp.ones_like(cosine)])
+        moment = -jnp.sum(self._half_track * along * turn)  # the left side pushes to the right
+        turning = car.yaw_inertia * yaw_accel - moment
+        front = (car.cg_to_rear_axle * car.mass * accel_y + turning) / self._wheelbase
+        rear = (car.cg_to_front_axle * car.mass * accel_y - turning) / self._wheelbase
+        return jnp.stack([(front - (along[0] + along[1]) * sine) / cosine, rear])
+
+    def _intensity(
+        self, drive: Traction, unknown: Array, jump: Array, speed: Array, accel: Array, sine: Array
+    ) -> Array:
+        """White error of the specific force that torques tell, m/s²/√Hz."""
+        mass, radius = self.car.mass, self.car.wheel_radius[0]
+        gust = 2 * self.car.drag(speed) / mass / jnp.maximum(jnp.abs(speed), 1.0) * _GUST
+        white = drive.torque_std / mass * _TORQUE_TIME**0.5
+        late = jump / (radius * mass) * (_TORQUE_DELAY / SMOOTHING * _TORQUE_TIME**0.5)
+        turning = _TURNING * accel[1] * sine
+        lost = jnp.where(drive.is_shifting, _UNKNOWN["shift"], 0.0)
+        lost = jnp.where(drive.age < STALE, lost, _UNKNOWN["drive"])
+        held = jnp.where(jnp.abs(speed) < _CRAWL, _UNKNOWN["brake"], 0.0)
+        brake = jnp.where(unknown, _UNKNOWN["brake"], held)
+        return jnp.sqrt(_UNEVEN**2 + gust**2 + white**2 + late**2 + turning**2 + lost**2 + brake**2)

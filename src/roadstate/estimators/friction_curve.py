@@ -1,0 +1,70 @@
+"""How a tire's force grows with slip towards the friction: one curve, its shape and its slopes."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+
+from roadstate.tires.smooth import Numbers
+
+_LEAST = 1e-6  # of a normalised slip: below it the curve is its tangent
+
+
+class Grip(NamedTuple):
+    """Force over load of a tire that slips along and across, and its slopes; shapes broadcast.
+
+    Attributes:
+        along, across: F_x/F_z and F_y/F_z.
+        along_by_slip: ∂(F_x/F_z)/∂ ln c_κ, which is also σ_x ∂/∂σ_x.
+        across_by_slip: ∂(F_y/F_z)/∂ ln c_α, which is also σ_y ∂/∂σ_y.
+        across_by_angle: ∂(F_y/F_z)/∂σ_y over c_α.
+        along_by_ratio: ∂(F_x/F_z)/∂σ_x over c_κ.
+        along_by_shape, across_by_shape: ∂/∂C.
+    """
+
+    along: Numbers
+    across: Numbers
+    along_by_slip: Numbers
+    across_by_slip: Numbers
+    across_by_angle: Numbers
+    along_by_ratio: Numbers
+    along_by_shape: Numbers
+    across_by_shape: Numbers
+
+
+def grip(stiff_x: Numbers, stiff_y: Numbers, friction: Numbers, shape: Numbers) -> Grip:
+    """Force over load, F/F_z = μ sin(C atan(x/C)), x = |(c_κ σ_x, c_α σ_y)|/μ, along the slip.
+
+    The Magic Formula without E (Pacejka, *Tire and Vehicle Dynamics*, ch. 4.3) written for a given stiffness
+    and peak, with similarity for combined slip: friction scales the peak and leaves the stiffness. C is the
+    shape: near 1 the force bends early and saturates late (brush), at 1.65 it peaks at x = 2.3 and falls.
+
+    Args:
+        stiff_x: c_κ σ_x: what the force over load would be if it stayed linear.
+        stiff_y: c_α σ_y.
+        friction: μ.
+        shape: C, 1 < C < 2.
+    """
+    a, b = stiff_x / friction, stiff_y / friction
+    square = a * a + b * b
+    x = jnp.sqrt(square + _LEAST)
+    t = x / shape
+    bend = jnp.arctan(t)
+    sine, cosine = jnp.sin(shape * bend), jnp.cos(shape * bend)
+    slope = cosine / (1 + t * t)
+    secant = sine / x
+    curve = (slope - secant) / (square + _LEAST)
+    by_shape = friction * cosine * (bend - t / (1 + t * t)) / x
+    across_by_angle = secant + b * b * curve
+    along_by_ratio = secant + a * a * curve
+    return Grip(
+        along=stiff_x * secant,
+        across=stiff_y * secant,
+        along_by_slip=stiff_x * along_by_ratio,
+        across_by_slip=stiff_y * across_by_angle,
+        across_by_angle=across_by_angle,
+        along_by_ratio=along_by_ratio,
+        along_by_shape=a * by_shape,
+        across_by_shape=b * by_shape,
+    )

@@ -1,0 +1,184 @@
+"""What a car's raw signals become before a filter sees them: held, freed of spikes, smoothed."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import TYPE_CHECKING, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from roadstate.core.channels import WHEELS
+from roadstate.core.constants import GRAVITY
+from roadstate.core.errors import InputError
+from roadstate.estimators.base import Sample
+from roadstate.estimators.signals import signed_direction
+
+if TYPE_CHECKING:
+    from roadstate.vehicles import Vehicle
+
+WHEEL_SPEEDS = tuple(f"wheel_speed_{w}" for w in WHEELS)
+ROWS = ("accel_x", "accel_y", "yaw_rate", "steer", *WHEEL_SPEEDS)
+"""Order of what :class:`Signals` carries in vectors of eight."""
+ACCEL_X, ACCEL_Y, YAW_RATE, STEER, SPIN = 0, 1, 2, 3, slice(4, 8)
+SMOOTHING = 0.05
+"""s: time constant of the low pass that all signals go through alike, so that they stay comparable."""
+STALE = 0.3
+"""s without a sample after which a signal is no longer held."""
+_LARGEST_JUMP = (8.0, 8.0, 0.6, 0.2, 25.0, 25.0, 25.0, 25.0)  # in _JUMP_TIME; more is a spike
+_JUMP_TIME = 0.1  # s
+_PATIENCE = 4  # samples in a row that a jump must last to be believed
+_STUCK = 40  # equal samples in a row after which a signal may be stuck
+_ACTIVE = (0.5, 0.8, 0.06)  # change meanwhile of what tells the same, m/s², m/s², rad/s: then it is stuck
+_NEVER = 1e6
+_SLOWEST = 1.0  # m/s below which a car's signals may well stand still
+
+
+class SignalState(NamedTuple):
+    """State of an :class:`Intake`.
+
+    Attributes:
+        value: (8,) latest samples believed, in the order of :data:`ROWS`.
+        age: (8,) s since they came.
+        refused: (8,) samples refused in a row as spikes.
+        repeats: (8,) equal samples in a row.
+        low, high: (3,) range, since the last change of an inertial signal, of what tells the same.
+        smooth: (8,) low-passed values.
+        gear: latest gear ratio.
+    """
+
+    value: Float[Array, " 8"]
+    age: Float[Array, " 8"]
+    refused: Float[Array, " 8"]
+    repeats: Float[Array, " 8"]
+    low: Float[Array, " 3"]
+    high: Float[Array, " 3"]
+    smooth: Float[Array, " 8"]
+    gear: Float[Array, ""]
+
+
+class Signals(NamedTuple):
+    """The car's signals at one instant, in the order of :data:`ROWS`.
+
+    Attributes:
+        value: (8,) held; specific forces freed of the body's pitch and roll; steer at the road wheels; wheel
+            speeds signed. m/s², rad/s, rad.
+        age: (8,) s since a sample came; of a stuck one :data:`STALE` and more.
+        is_fresh: (8,) whether a believed sample came just now.
+        smooth: (8,) low-passed.
+        rate: (8,) derivative of ``smooth``.
+        is_faulty: (8,) a sensor that is stuck, or whose samples are refused.
+    """
+
+    value: Float[Array, " 8"]
+    age: Float[Array, " 8"]
+    is_fresh: Bool[Array, " 8"]
+    smooth: Float[Array, " 8"]
+    rate: Float[Array, " 8"]
+    is_faulty: Bool[Array, " 8"]
+
+
+class Intake(eqx.Module):
+    """Takes samples of whatever inertial, steering and wheel signals there are.
+
+    A sample that lies too far from the last one to be true is refused, until several in a row say the same. A
+    signal that repeats itself to the last bit while its kin change (an accelerometer while the wheels'
+    acceleration changes, a gyroscope while the rear wheels' difference does) is stuck, and counts as missing.
+
+    Attributes:
+        channels: canonical channels read.
+        has: whether a row of :data:`ROWS` is measured at all.
+    """
+
+    channels: tuple[str, ...] = eqx.field(static=True)
+    has: tuple[bool, ...] = eqx.field(static=True)
+    _names: tuple[str | None, ...] = eqx.field(static=True)
+    _scale: Float[Array, " 8"]
+    _geometry: Float[Array, " 2"]
+
+    def __init__(self, vehicle: Vehicle, available: Collection[str]) -> None:
+        steering = "steer" if "steer" in available else "steering_wheel"
+        if steering not in available or (steering == "steering_wheel" and vehicle.steering is None):
+            if steering in available:
+                raise InputError(
+                    "a steering-wheel angle without a steering ratio",
+                    where=f"vehicle '{vehicle.name}'",
+                    mend="set steering.ratio, or map 'steer'",
+                )
+            steering = ""
+        named = ("accel_x", "accel_y", "yaw_rate", steering, *WHEEL_SPEEDS)
+        self._names = tuple(name if name in available else None for name in named)
+        self.has = tuple(name is not None for name in self._names)
+        used = [name for name in self._names if name is not None]
+        self.channels = (*used, *(["gear_ratio"] if "gear_ratio" in available else []))
+        ratio = vehicle.steering.ratio if steering == "steering_wheel" and vehicle.steering else 1.0
+        body = vehicle.body
+        lean = [1 + GRAVITY * body.pitch_gradient, 1 + GRAVITY * body.roll_gradient]
+        self._scale = jnp.asarray(1 / np.array([*lean, 1.0, ratio, 1.0, 1.0, 1.0, 1.0]))
+        self._geometry = jnp.asarray(np.array([vehicle.wheels.radius, vehicle.geometry.track_rear]))
+
+    def init(self) -> SignalState:
+        """Nothing has come yet."""
+        none = jnp.zeros(8)
+        return SignalState(none, none + _NEVER, none, none, jnp.zeros(3), jnp.zeros(3), none, jnp.zeros(()))
+
+    def read(
+        self, state: SignalState, sample: Sample, speed: Float[Array, ""], dt: Float[Array, ""]
+    ) -> tuple[SignalState, Signals]:
+        """Take a sample ``dt`` after the last.
+
+        Args:
+            state: from :meth:`init` or the last call.
+            sample: the channels at this instant.
+            speed: m/s, the estimate so far.
+            dt: s.
+        """
+        nothing = jnp.full((), jnp.nan)
+        raw = jnp.stack([nothing if n is None else sample[n] for n in self._names])
+        gear = sample["gear_ratio"] if "gear_ratio" in self.channels else nothing
+        gear = jnp.where(jnp.isfinite(gear), gear, state.gear)
+        seen = jnp.isfinite(raw)
+        direction = signed_direction(gear)
+        turned = jnp.where(jnp.arange(8) >= SPIN.start, jnp.where(raw < 0, 1.0, direction), 1.0)
+        fresh = jnp.where(seen, raw, 0.0) * self._scale * turned
+        since = state.age + dt
+        most = jnp.asarray(_LARGEST_JUMP) * jnp.maximum(1.0, since / _JUMP_TIME)
+        far = seen & (jnp.abs(fresh - state.value) > most) & (state.age < 10 * STALE)
+        refuse = far & (state.refused < _PATIENCE)
+        taken = seen & (~refuse)
+        same = taken & (fresh == state.value)
+        repeats = jnp.where(taken, jnp.where(same, state.repeats + 1, 0.0), state.repeats)
+        value = jnp.where(taken, fresh, state.value)
+        kin = self._kin(state, value, speed)
+        low = jnp.where(repeats[:3] > 0, jnp.minimum(state.low, kin), kin)
+        high = jnp.where(repeats[:3] > 0, jnp.maximum(state.high, kin), kin)
+        active = (high - low > jnp.asarray(_ACTIVE)) & (jnp.abs(speed) > _SLOWEST)
+        stuck = jnp.concatenate([(repeats[:3] >= _STUCK) & active, jnp.zeros(5, bool)])
+        age = jnp.where(taken, 0.0, since)
+        first = state.age >= _NEVER
+        lag = jnp.where(first, 1.0, -jnp.expm1(-dt / SMOOTHING))
+        smooth = state.smooth + lag * (value - state.smooth)
+        refused = jnp.where(refuse, state.refused + 1, jnp.where(taken, 0.0, state.refused))
+        told = Signals(
+            value=value,
+            age=jnp.where(stuck, jnp.maximum(age, 2 * STALE), age),
+            is_fresh=taken & (~stuck),
+            smooth=smooth,
+            rate=jnp.where(first, 0.0, (value - smooth) / SMOOTHING),
+            is_faulty=stuck | (refused > 0),
+        )
+        return SignalState(value, age, refused, repeats, low, high, smooth, gear), told
+
+    def _kin(
+        self, state: SignalState, value: Float[Array, " 8"], speed: Float[Array, ""]
+    ) -> Float[Array, " 3"]:
+        """What else tells of the longitudinal and lateral acceleration and of the yaw rate, roughly."""
+        radius, track = self._geometry
+        rim = (value[SPIN] - state.smooth[SPIN]) / SMOOTHING * radius
+        along = jnp.mean(rim)
+        differ = state.smooth[SPIN][3] - state.smooth[SPIN][2] if self.has[6] and self.has[7] else 0.0
+        turning = radius * differ / track
+        across = speed * jnp.where(state.age[YAW_RATE] < STALE, state.smooth[YAW_RATE], turning)
+        return jnp.stack([0.5 * along, across, turning])

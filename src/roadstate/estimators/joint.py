@@ -1,0 +1,325 @@
+"""Joint estimator of grade, bank, tire forces and friction, and of the car's own figures."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from roadstate.core.channels import WHEELS
+from roadstate.core.constants import GRAVITY
+from roadstate.core.estimates import Validity
+from roadstate.core.gaussian import Info
+from roadstate.estimators.along import SLOPE, SPEED, AlongInput, AlongModel
+from roadstate.estimators.base import Estimate, Estimator, Need, Sample, leaf
+from roadstate.estimators.contact_forces import AxleForces, ForceMeter, ForceMeterState
+from roadstate.estimators.friction_bank import BANK, V_Y, VIEWS, BankState, FrictionBank
+from roadstate.estimators.intake import (
+    ACCEL_X,
+    ACCEL_Y,
+    SPIN,
+    STALE,
+    WHEEL_SPEEDS,
+    YAW_RATE,
+    Intake,
+    Signals,
+    SignalState,
+)
+from roadstate.estimators.signals import STANDSTILL_SPEED
+from roadstate.estimators.tire_contact import TireContact
+from roadstate.filters import KF, FilterState, GateRule
+from roadstate.linalg import once, root
+
+if TYPE_CHECKING:
+    from roadstate.vehicles import Vehicle
+
+_SILENT = 3.0  # s without a channel after which the estimate is called a prediction
+_FAULTY = 0.3  # s of a refused or stuck sensor after which it is called faulty
+_SURE = 0.6  # ratio of the 5 % to the 95 % bound from which on friction counts as known
+_UNSEEN = 4.0  # m/s²/√Hz: of an acceleration that neither accelerometer nor torques tell
+_LEAST_STEP = 1e-3  # s
+_AGE = 0.1  # s by which a satellite's speed may be late
+_PATIENCE = 300  # samples for which a spinning or locked wheel may be refused
+
+
+class JointState(NamedTuple):
+    """State of :class:`Joint`.
+
+    Attributes:
+        signals, forces, along, bank: the parts'.
+        lagged: (2, 2) the axles' slip angles but for v_y, and their F_y/F_z, both slowed.
+        speed_age: s since anything told the speed.
+        fault_age: s for which some sensor has been refused or stuck.
+        latest: what the forces were, for :meth:`Joint.estimate`.
+        validity: code.
+    """
+
+    signals: SignalState
+    forces: ForceMeterState
+    along: FilterState
+    bank: BankState
+    lagged: Float[Array, "2 2"]
+    speed_age: Float[Array, ""]
+    fault_age: Float[Array, ""]
+    latest: AxleForces
+    validity: Int[Array, ""]
+
+
+class Joint(Estimator[JointState]):
+    """Grade, bank, forces, friction and the car's own figures, of whatever channels there are.
+
+    Three parts that inform each other at every sample, each exact for what it holds:
+
+    - :class:`~roadstate.estimators.along.AlongModel`, a Kalman filter of speed and slope in which
+      accelerometer, wheels, torques and satellites meet, and what they disagree by (bias, pitch and scale,
+      mass, gains of drive and brakes, rolling resistance, rolling radius) is learned;
+    - :class:`~roadstate.estimators.contact_forces.ForceMeter`, a balance of forces that needs no tire model;
+    - :class:`~roadstate.estimators.friction_bank.FrictionBank`, which asks of every friction at once how well
+      it goes with these forces, given the slip: sideslip, bank, stiffness and shape of the tires are
+      estimated under each.
+
+    Which states there are follows from the channels. Needs an accelerometer and a speed (of wheels, or a
+    speed signal); with yaw rate, lateral acceleration and steering, the lateral forces and friction; with
+    torques, the mass and an accelerometer's bias; with altitude or rate of climb, the grade free of bias.
+
+    What it cannot know: how an axle's lateral force is shared by its wheels; friction that is not used: then
+    the lower bound is what has been used, the upper one the prior's, and validity says ``low_excitation``;
+    without torques or altitude, a bias of the accelerometer from a slope.
+
+    Attributes:
+        signals, forces, along, filter, contact, bank: the parts.
+    """
+
+    name: ClassVar[str] = "joint"
+    summary: ClassVar[str] = "grade, bank, forces, friction, mass and biases from all channels there are"
+    needs: ClassVar[tuple[Need, ...]] = (
+        Need("the longitudinal accelerometer", (("accel_x",),)),
+        Need("a speed", (WHEEL_SPEEDS, WHEEL_SPEEDS[2:], WHEEL_SPEEDS[:2], ("speed",))),
+    )
+    optional: ClassVar[tuple[str, ...]] = (
+        *("accel_y", "yaw_rate", "steer", "steering_wheel", "speed", *WHEEL_SPEEDS),
+        *("altitude", "vertical_speed", "gear_ratio", "engine_torque", "engine_speed", "brake"),
+        *(f"{kind}_{w}" for kind in ("drive_torque", "brake_torque", "brake_pressure") for w in WHEELS),
+    )
+
+    channels: tuple[str, ...] = eqx.field(static=True)
+    sensors: tuple[str, ...] = eqx.field(static=True)
+    signals: Intake
+    forces: ForceMeter
+    along: AlongModel
+    filter: KF
+    contact: TireContact
+    bank: FrictionBank
+    _knows_sides: bool = eqx.field(static=True)
+    _sensor_std: Float[Array, " m"]
+    _accel_noise: Float[Array, ""]
+    _speed_scale: Float[Array, ""]
+    _mass_std: Float[Array, ""]
+
+    @property
+    def sensor_units(self) -> Mapping[str, str]:
+        """As :attr:`Estimator.sensor_units`; wheels are read as speeds of the car."""
+        own = {**dict.fromkeys(WHEEL_SPEEDS, "m/s"), "traction": "m/s^2"}
+        return {**super().sensor_units, **{s: unit for s, unit in own.items() if s in self.sensors}}
+
+    @classmethod
+    def build(cls, vehicle: Vehicle, available: Collection[str], **options: Any) -> Self:
+        """Compose for a vehicle and the channels there."""
+        signals, forces = Intake(vehicle, available), ForceMeter(vehicle, available)
+        model = AlongModel(vehicle, available, has_torque=forces.has_torque)
+        sensors = vehicle.sensors
+        noise = {
+            "speed": sensors.speed.noise,
+            "altitude": sensors.altitude.noise,
+            "vertical_speed": sensors.vertical_speed.noise,
+            "traction": 0.0,
+        }
+        wheel = vehicle.wheels.radius * sensors.wheel_speed.noise
+        aids = tuple(c for c in ("speed", "altitude", "vertical_speed") if c in available)
+        sides = signals.has[ACCEL_Y] and signals.has[YAW_RATE]
+        return cls(
+            channels=tuple(dict.fromkeys((*signals.channels, *forces.channels, *aids))),
+            sensors=model.sensors,
+            signals=signals,
+            forces=forces,
+            along=model,
+            filter=KF(gate=GateRule(patience=_PATIENCE)),
+            contact=TireContact(vehicle),
+            bank=FrictionBank(vehicle),
+            _knows_sides=sides,
+            _sensor_std=jnp.asarray(np.array([noise.get(s, wheel) for s in model.sensors])),
+            _accel_noise=leaf(sensors.accel.noise_density),
+            _speed_scale=leaf(0.0 if "speed" in available else sensors.wheel_speed.scale),
+            _mass_std=leaf(vehicle.prior.mass_relative),
+        )
+
+    def init(self) -> JointState:
+        """The prior; no sample has come."""
+        zero = jnp.zeros(())
+        return JointState(
+            signals=self.signals.init(),
+            forces=self.forces.init(),
+            along=self.filter.init(self.along),
+            bank=self.bank.init(),
+            lagged=jnp.zeros((2, 2)),
+            speed_age=zero + 1e6,
+            fault_age=zero,
+            latest=self.forces.nothing(),
+            validity=jnp.asarray(int(Validity.SENSOR_MISSING)),
+        )
+
+    def step(self, state: JointState, sample: Sample, dt: Float[Array, ""]) -> tuple[JointState, Info]:
+        """Signals, forces, motion along the road, then what goes on across it."""
+        x, across = state.along.gaussian.mean, self.bank.merged(state.bank)[0]
+        held, seen = self.signals.read(state.signals, sample, x[SPEED], dt)
+        bias = x[3] + x[4] * state.latest.accel[0]
+        error = jnp.stack([bias, jnp.zeros_like(bias)])
+        meter, forces = self.forces.read(state.forces, sample, seen, x[SPEED], error, dt)
+        u, z = self._along(state, held, seen, forces, sample, across[V_Y], dt)
+        along, info = self.filter.step(self.along, state.along, u, z, dt)
+        speed, speed_std = along.gaussian.mean[SPEED], along.gaussian.std[SPEED]
+        lagged, touch = self.contact.touch(state.lagged, seen, forces, speed, speed_std, dt)
+        bank, likelihood = self.bank.step(state.bank, touch, dt)
+        tells = np.array([s == "speed" or s in WHEEL_SPEEDS for s in self.sensors])
+        told = jnp.any(jnp.isfinite(z) & tells)
+        speed_age = jnp.where(told, 0.0, state.speed_age + dt)
+        faulty = jnp.any(seen.is_faulty) | jnp.any(along.rejected > 0)
+        fault_age = jnp.where(faulty, state.fault_age + dt, 0.0)
+        new = JointState(held, meter, along, bank, lagged, speed_age, fault_age, forces, state.validity)
+        validity = self._validity(new, info)
+        info = eqx.tree_at(lambda i: i.log_likelihood, info, info.log_likelihood + likelihood)
+        return new._replace(validity=validity), info
+
+    def _along(
+        self,
+        state: JointState,
+        held: SignalState,
+        seen: Signals,
+        forces: AxleForces,
+        sample: Sample,
+        velocity_y: Array,
+        dt: Array,
+    ) -> tuple[AlongInput, Float[Array, " m"]]:
+        """Input and measurement of the filter along the road."""
+        x, spread = state.along.gaussian.mean, state.along.gaussian.std[SPEED]
+        speed, step = x[SPEED], jnp.maximum(dt, _LEAST_STEP)
+        felt = seen.age[ACCEL_X] < STALE
+        before = jnp.where(
+            state.signals.age[ACCEL_X] < STALE, state.signals.value[ACCEL_X], seen.value[ACCEL_X]
+        )
+        raw = 0.5 * (seen.value[ACCEL_X] + before)
+        by_torque = forces.explained + x[3] + x[4] * forces.accel[0]
+        known = (forces.age < STALE) & (~forces.is_brake_unknown)
+        accel = jnp.where(felt, raw, jnp.where(known, by_torque, x[SLOPE] + x[3]))
+        intensity = jnp.where(felt, self._accel_noise, jnp.where(known, forces.intensity, _UNSEEN))
+        turning = jnp.where(seen.age[YAW_RATE] < STALE, seen.smooth[YAW_RATE], 0.0)
+        u = AlongInput(
+            accel=accel + velocity_y * turning,
+            smooth_accel=forces.accel[0],
+            drive=forces.drive,
+            brake=forces.brake,
+            rolling=forces.rolling,
+            speed=speed,
+            intensity=intensity,
+            sensor_std=jnp.zeros(0),
+        )
+        parts, stds = [], []
+        wheels = [i for i, w in enumerate(WHEEL_SPEEDS) if w in self.sensors]
+        if wheels:
+            rim, std = self.contact.rims(seen, forces, turning, speed, spread, accel - x[3] - x[SLOPE], dt)
+            parts.append(rim[jnp.asarray(wheels)])
+            stds.append(std[jnp.asarray(wheels)])
+        for name in ("speed", "altitude", "vertical_speed"):
+            if name in self.sensors:
+                value, std = sample[name], self._sensor_std[self.sensors.index(name)]
+                if name == "speed":
+                    backward = (held.gear < 0) & (value > 0)
+                    value = jnp.where(backward, -value, value)
+                    std = jnp.hypot(std, _AGE * forces.accel[0])
+                if name == "vertical_speed":
+                    std = jnp.hypot(std, _AGE * forces.accel[0] * x[SLOPE] / GRAVITY)
+                parts.append(jnp.where(jnp.isfinite(value), value, jnp.nan)[None])
+                stds.append(std[None])
+        if self.forces.has_torque:
+            both = seen.is_fresh[ACCEL_X] & (forces.age < STALE)
+            more = seen.smooth[ACCEL_X] - forces.explained
+            parts.append(jnp.where(both, more, jnp.nan)[None])
+            stds.append((jnp.hypot(forces.intensity, self._accel_noise) / root(step))[None])
+        z, std = once((jnp.concatenate(parts), jnp.concatenate(stds)))
+        return u._replace(sensor_std=std), z
+
+    def _validity(self, state: JointState, info: Info) -> Int[Array, ""]:
+        used = jnp.asarray([self.signals.has[i] for i in range(8)])
+        oldest = jnp.max(jnp.where(used & (jnp.arange(8) < SPIN.start), state.signals.age, 0.0))
+        low, high = self.bank.quantiles(state.bank, (0.05, 0.95))
+        sure = low[0] > _SURE * high[0]
+        validity = jnp.where(sure, int(Validity.EXCITED), int(Validity.LOW_EXCITATION))
+        validity = jnp.where(state.latest.is_shifting & ~sure, int(Validity.GEAR_SHIFT), validity)
+        validity = jnp.where(state.latest.is_brake_unknown & ~sure, int(Validity.BRAKING), validity)
+        stands = jnp.abs(state.along.gaussian.mean[SPEED]) < STANDSTILL_SPEED
+        validity = jnp.where(stands, int(Validity.STANDSTILL), validity)
+        validity = jnp.where(state.fault_age > _FAULTY, int(Validity.SENSOR_FAULT), validity)
+        silent = jnp.maximum(oldest, state.speed_age) > _SILENT
+        validity = jnp.where(silent, int(Validity.SENSOR_MISSING), validity)
+        return jnp.where(info.ok, validity, int(Validity.DIVERGED))
+
+    def estimate(self, state: JointState) -> Estimate:
+        """Everything, with standard deviations; friction with its 5 % and 95 % bounds."""
+        values: dict[str, Array] = {}
+        stds: dict[str, Array] = {}
+
+        def tell(name: str, value: Array, std: Array) -> None:
+            values[name], stds[name] = value, std
+
+        mean, std = state.along.gaussian.mean, state.along.gaussian.std
+        forces = state.latest
+        sine = jnp.clip(mean[SLOPE] / GRAVITY, -0.99, 0.99)
+        grade = jnp.arcsin(sine)
+        tell("grade", grade, std[SLOPE] / (GRAVITY * jnp.cos(grade)))
+        tell("speed", mean[SPEED], jnp.hypot(std[SPEED], self._speed_scale * mean[SPEED]))
+        tell("accel_x_bias", mean[3], std[3])
+        scale, scale_std = jnp.ones(()), self._mass_std
+        if "mass" in self.along.states:
+            place = self.along.place("mass")
+            scale, scale_std = 1 + mean[place], std[place]
+            tell("mass", self.forces.car.mass * scale, self.forces.car.mass * scale_std)
+        if "altitude" in self.along.states:
+            tell("altitude", mean[-2], std[-2])
+        used, used_std = self._used(forces)
+        ages = state.signals.age
+        silent = jnp.minimum(ages[ACCEL_X], 10.0) + jnp.minimum(ages[ACCEL_Y], 3.0)
+        tell("friction_used", used, jnp.hypot(used_std, 0.1 * silent))
+        if self._knows_sides:
+            side, side_std = self.bank.merged(state.bank)
+            tell("velocity_y", side[V_Y], side_std[V_Y])
+            bank = jnp.arcsin(jnp.clip(side[BANK] / GRAVITY, -0.99, 0.99))
+            tell("bank", bank, side_std[BANK] / (GRAVITY * jnp.cos(bank)))
+        for i, where in enumerate(("front", "rear")):
+            load = forces.load[2 * i] + forces.load[2 * i + 1]
+            along = forces.along[2 * i] + forces.along[2 * i + 1]
+            rough = jnp.hypot(scale_std * along, 0.02 * load)
+            unsure = 0.5 * (forces.along_std[2 * i] + forces.along_std[2 * i + 1])
+            spread = jnp.where(jnp.isfinite(unsure), unsure, 1.0) * load
+            tell(f"force_x_{where}", scale * along, jnp.hypot(rough, spread))
+            if self._knows_sides:
+                across = forces.across[i]
+                rough = jnp.hypot(scale_std * across, 0.015 * load)
+                spread = jnp.where(jnp.isfinite(forces.across_std[i]), forces.across_std[i], 1.0) * load
+                tell(f"force_y_{where}", scale * across, jnp.hypot(rough, spread))
+        low, middle, high = self.bank.quantiles(state.bank, (0.05, 0.5, 0.95))
+        spread = self.bank.std(state.bank)
+        for i, view in enumerate(VIEWS):
+            name = f"friction_peak{view}"
+            tell(name, middle[i], spread[i])
+            values[f"{name}_lower"], values[f"{name}_upper"] = low[i], high[i]
+        return Estimate(values, stds, state.validity)
+
+    def _used(self, forces: AxleForces) -> tuple[Array, Array]:
+        along, across = jnp.sum(forces.along), jnp.sum(forces.across)
+        load = jnp.sum(forces.load)
+        used = root(along**2 + across**2) / load
+        return used, jnp.hypot(0.01, 0.02 * used)

@@ -1,0 +1,140 @@
+"""Where wheels and axles meet the road: the speed each wheel tells, and how each tire slips."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from roadstate.estimators.base import leaf
+from roadstate.estimators.contact_forces import AxleForces
+from roadstate.estimators.friction_bank import Touch
+from roadstate.estimators.intake import ACCEL_Y, SMOOTHING, SPIN, STALE, STEER, YAW_RATE, Signals
+
+if TYPE_CHECKING:
+    from roadstate.vehicles import Vehicle
+
+_SLIP_SHARE = 1.0  # 1σ of the slip that a wheel's force makes, as a share of it: near the limit it runs away
+_SLIP_TIME = 0.5  # s: how long that lasts
+_SLIP_LARGEST = 0.15
+_SLIP_ERROR = 0.004  # 1σ of a slip, of radii that differ
+_RUNAWAY = (0.4, 3.0)  # m/s by which a wheel may leave the rest, and 1σ over what is beyond
+_DEAD_BAND = (0.7, 0.25)  # m/s: a slower wheel may read anything down to zero, with this 1σ
+_YIELDS = 0.025  # s: lag of the force behind the angle that suspension and steering add to the tire's
+_LAG_ERROR = 0.015  # s: 1σ of that lag
+_LEAST_STEP = 1e-3  # s
+
+
+class TireContact(eqx.Module):
+    """Slips of wheels and axles, from signals, forces and the car's speed.
+
+    Attributes:
+        radius: rolling radius, m.
+        noise: 1σ of a wheel's speed, m/s.
+        slip_stiffness: C_κ/F_z.
+        relaxation: relaxation length, m.
+        places: (2,) of the axles ahead of the centre of gravity, m.
+        half_track: (4,) of the wheels to the left, m.
+    """
+
+    radius: Float[Array, ""]
+    noise: Float[Array, ""]
+    slip_stiffness: Float[Array, ""]
+    relaxation: Float[Array, ""]
+    places: Float[Array, " 2"]
+    half_track: Float[Array, " 4"]
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        geometry, tires = vehicle.geometry, vehicle.tires
+        self.radius = leaf(vehicle.wheels.radius)
+        self.noise = leaf(vehicle.wheels.radius * vehicle.sensors.wheel_speed.noise)
+        self.slip_stiffness, self.relaxation = leaf(tires.slip_stiffness), leaf(tires.relaxation_length)
+        self.places = jnp.asarray([geometry.cg_to_front_axle, -geometry.cg_to_rear_axle])
+        front, rear = geometry.track_front / 2, geometry.track_rear / 2
+        self.half_track = jnp.asarray(np.array([front, -front, rear, -rear]))
+
+    def rims(
+        self,
+        seen: Signals,
+        forces: AxleForces,
+        turning: Array,
+        speed: Array,
+        spread: Array,
+        accel: Array,
+        dt: Array,
+    ) -> tuple[Float[Array, " 4"], Float[Array, " 4"]]:
+        """(4,) the car's speed as each wheel tells it, freed of yaw and slip, and 1σ, m/s."""
+        radius, step = self.radius, jnp.maximum(dt, _LEAST_STEP)
+        load = jnp.maximum(forces.load, 0.1 * jnp.mean(forces.load))
+        slip = jnp.clip(forces.along / (self.slip_stiffness * load), -_SLIP_LARGEST, _SLIP_LARGEST)
+        angle = jnp.where(seen.age[STEER] < STALE, jnp.clip(seen.value[STEER], -0.9, 0.9), 0.0)
+        cosine = jnp.cos(angle)
+        turn = jnp.stack([cosine, cosine, jnp.ones_like(cosine), jnp.ones_like(cosine)])
+        rolling = radius * seen.value[SPIN] / (1 + slip)
+        rim = rolling * turn + self.half_track * turning
+        away = jnp.abs(rim - speed - accel * dt)
+        away = jnp.maximum(away - _RUNAWAY[0] - 2 * spread, 0.0)
+        lasting = jnp.hypot(_SLIP_SHARE * slip * speed, _RUNAWAY[1] * away) * jnp.sqrt(_SLIP_TIME / step)
+        slow = jnp.where(jnp.abs(rim) < _DEAD_BAND[0], _DEAD_BAND[1], 0.0)
+        noise = self.noise
+        std = jnp.sqrt(noise**2 + lasting**2 + slow**2)
+        return jnp.where(seen.is_fresh[SPIN], rim, jnp.nan), std
+
+    def touch(
+        self,
+        before: Float[Array, "2 2"],
+        seen: Signals,
+        forces: AxleForces,
+        speed: Array,
+        spread: Array,
+        dt: Array,
+    ) -> tuple[Float[Array, "2 2"], Touch]:
+        """How the tires touch the road; the axles' slip angles but for v_y and their F_y/F_z, slowed.
+
+        Args:
+            before: the second result of the last call.
+            seen: signals.
+            forces: at this instant.
+            speed: m/s.
+            spread: its 1σ.
+            dt: s.
+        """
+        moving = jnp.maximum(jnp.abs(speed), 1.0)
+        steer = jnp.stack([seen.smooth[STEER] * jnp.sign(speed), jnp.zeros_like(speed)])
+        load = jnp.maximum(forces.load, 0.05 * jnp.mean(forces.load))
+        axles = load.reshape(2, 2).sum(axis=1)
+        across = forces.across / axles
+        now = steer - self.places * seen.smooth[YAW_RATE] / moving
+        lag = self.relaxation / moving + _YIELDS
+        across_rate = (across - before[1]) / SMOOTHING
+        slower = before[1] - jnp.expm1(-dt / SMOOTHING) * (across - before[1])
+        angle = before[0] - jnp.expm1(-dt / jnp.maximum(lag, 1e-3)) * (now - before[0])
+        radius = self.radius
+        cosine = jnp.cos(seen.smooth[STEER])
+        turn = jnp.stack([cosine, cosine, jnp.ones_like(cosine), jnp.ones_like(cosine)])
+        ground = (speed - self.half_track * seen.smooth[YAW_RATE]) / turn
+        ground = jnp.where(jnp.abs(ground) < 1.0, jnp.where(ground < 0, -1.0, 1.0), ground)
+        slip = jnp.clip((radius * seen.smooth[SPIN] - ground) / jnp.abs(ground), -1.0, 10.0)
+        stale = seen.age[SPIN] > STALE
+        unknown = jnp.where(stale, jnp.inf, 0.0)
+        steered = jnp.where(seen.age[STEER] < STALE, 0.0, jnp.inf) * jnp.asarray([1.0, 0.0])
+        steered = jnp.where(jnp.isnan(steered), 0.0, steered)
+        transfer = ((load[0::2] - load[1::2]) / axles) ** 2
+        touch = Touch(
+            speed=speed,
+            accel_y=seen.value[ACCEL_Y],
+            yaw_rate=seen.value[YAW_RATE],
+            angle=angle,
+            across=across,
+            along=forces.along / load,
+            slip=jnp.where(stale, 0.0, slip),
+            slip_std=jnp.hypot(spread / moving, _SLIP_ERROR) * jnp.ones(4),
+            across_std=jnp.hypot(forces.across_std, _LAG_ERROR * across_rate) + steered,
+            along_std=forces.along_std + unknown,
+            transfer=transfer,
+            lag=lag + SMOOTHING,
+        )
+        return jnp.stack([angle, slower]), touch
