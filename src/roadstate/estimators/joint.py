@@ -17,7 +17,7 @@ from roadstate.core.gaussian import Info
 from roadstate.estimators.along import SLOPE, SPEED, AlongInput, AlongModel
 from roadstate.estimators.base import Estimate, Estimator, Need, Sample, leaf
 from roadstate.estimators.contact_forces import AxleForces, ForceMeter, ForceMeterState
-from roadstate.estimators.friction_bank import BANK, V_Y, VIEWS, BankState, FrictionBank
+from roadstate.estimators.friction_bank import BANK, BIAS_Y, V_Y, VIEWS, BankState, FrictionBank
 from roadstate.estimators.intake import (
     ACCEL_X,
     ACCEL_Y,
@@ -43,6 +43,7 @@ _SURE = 0.6  # ratio of the 5 % to the 95 % bound from which on friction counts 
 _UNSEEN = 4.0  # m/s²/√Hz: of an acceleration that neither accelerometer nor torques tell
 _LEAST_STEP = 1e-3  # s
 _AGE = 0.1  # s by which a satellite's speed may be late
+_LEAD_ERROR = 0.7  # 1σ of what is added to undo the low pass, as a share of it
 _PATIENCE = 300  # samples for which a spinning or locked wheel may be refused
 
 
@@ -289,12 +290,16 @@ class Joint(Estimator[JointState]):
             tell("mass", self.forces.car.mass * scale, self.forces.car.mass * scale_std)
         if "altitude" in self.along.states:
             tell("altitude", mean[-2], std[-2])
-        used, used_std = self._used(forces)
+        axles = forces.load.reshape(2, 2).sum(axis=1)
+        side, side_std = self.bank.merged(state.bank)
+        # ahead by as much as the low pass lags, and freed of the accelerometer's bias
+        ahead = forces.across - state.lagged[1] * axles
+        lateral = forces.across + ahead - side[BIAS_Y] / GRAVITY * axles
+        used, used_std = self._used(forces, lateral, ahead, side_std[BIAS_Y])
         ages = state.signals.age
         silent = jnp.minimum(ages[ACCEL_X], 10.0) + jnp.minimum(ages[ACCEL_Y], 3.0)
         tell("friction_used", used, jnp.hypot(used_std, 0.1 * silent))
         if self._knows_sides:
-            side, side_std = self.bank.merged(state.bank)
             tell("velocity_y", side[V_Y], side_std[V_Y])
             bank = jnp.arcsin(jnp.clip(side[BANK] / GRAVITY, -0.99, 0.99))
             tell("bank", bank, side_std[BANK] / (GRAVITY * jnp.cos(bank)))
@@ -306,8 +311,10 @@ class Joint(Estimator[JointState]):
             spread = jnp.where(jnp.isfinite(unsure), unsure, 1.0) * load
             tell(f"force_x_{where}", scale * along, jnp.hypot(rough, spread))
             if self._knows_sides:
-                across = forces.across[i]
+                across = lateral[i]
                 rough = jnp.hypot(scale_std * across, 0.015 * load)
+                rough = jnp.hypot(rough, _LEAD_ERROR * ahead[i])
+                rough = jnp.hypot(rough, side_std[BIAS_Y] / GRAVITY * load)
                 spread = jnp.where(jnp.isfinite(forces.across_std[i]), forces.across_std[i], 1.0) * load
                 tell(f"force_y_{where}", scale * across, jnp.hypot(rough, spread))
         low, middle, high = self.bank.quantiles(state.bank, (0.05, 0.5, 0.95))
@@ -318,8 +325,9 @@ class Joint(Estimator[JointState]):
             values[f"{name}_lower"], values[f"{name}_upper"] = low[i], high[i]
         return Estimate(values, stds, state.validity)
 
-    def _used(self, forces: AxleForces) -> tuple[Array, Array]:
-        along, across = jnp.sum(forces.along), jnp.sum(forces.across)
+    def _used(self, forces: AxleForces, lateral: Array, ahead: Array, bias_std: Array) -> tuple[Array, Array]:
+        along, across = jnp.sum(forces.along), jnp.sum(lateral)
         load = jnp.sum(forces.load)
         used = root(along**2 + across**2) / load
-        return used, jnp.hypot(0.01, 0.02 * used)
+        unsure = jnp.hypot(bias_std / GRAVITY, _LEAD_ERROR * jnp.sum(ahead) / load)
+        return used, jnp.sqrt(0.01**2 + (0.02 * used) ** 2 + unsure**2)
