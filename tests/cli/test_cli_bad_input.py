@@ -19,6 +19,7 @@ SORT = "sort the log, or set 'time: {repair: drop}' in the mapping to leave such
 PRESETS = "compact-car, family-car, in-wheel-ev, suv, truck"
 NOT_EVEN_SPEED = (
     "no estimator can run on the channels there (debe needs a speed and a drive torque; "
+    "joint needs the longitudinal accelerometer and a speed; "
     "kmbe needs a speed and the longitudinal accelerometer); map the missing ones"
 )
 
@@ -141,7 +142,8 @@ def test_dbc_that_is_none(refused: Refused, tmp_path: Path, shared_data: Path) -
 
 def test_channel_of_nothing_but_nan_counts_as_missing(refused: Refused, tmp_path: Path) -> None:
     file = write(steady(accel_x=np.full(50, np.nan)), tmp_path / "log.csv")
-    least = "debe needs a drive torque; kmbe needs the longitudinal accelerometer"
+    accel = "needs the longitudinal accelerometer"
+    least = f"debe needs a drive torque; joint {accel}; kmbe {accel}"
     said = f"log.csv: no estimator can run on the channels there ({least}); map the missing ones"
     assert refused(file) == said
 
@@ -190,7 +192,7 @@ def test_vehicle_that_is_not_known(refused: Refused, good: Path) -> None:
 def test_estimator_whose_channels_are_missing(refused: Refused, good: Path) -> None:
     line = refused(good, "--estimator", "debe")
     assert line.startswith("good.csv: 'debe' needs a drive torque (drive_torque_fl+drive_torque_fr or ")
-    assert line.endswith("; map the channel, or use an estimator these channels do for: kmbe")
+    assert line.endswith("; map the channel, or use an estimator these channels do for: joint, kmbe")
 
 
 def test_no_estimator_can_run(refused: Refused, tmp_path: Path) -> None:

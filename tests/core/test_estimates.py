@@ -57,7 +57,7 @@ def test_labels_name_the_codes(estimates: Estimates) -> None:
         "braking",
         "gear_shift",
     ]
-    assert [v.label for v in Validity] == list(estimates.labels())
+    assert [v.label for v in Validity] == [*estimates.labels(), "sensor_fault"]
     assert len(estimates) == 7
 
 

@@ -25,6 +25,7 @@ SEVERITY = (
     Validity.STANDSTILL,
     Validity.GEAR_SHIFT,
     Validity.BRAKING,
+    Validity.SENSOR_FAULT,
     Validity.SENSOR_MISSING,
     Validity.DIVERGED,
 )

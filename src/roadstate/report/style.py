@@ -21,6 +21,7 @@ VALIDITY: dict[Validity, str] = {
     Validity.DIVERGED: "#1A1A1A",
     Validity.BRAKING: "#D55E00",
     Validity.GEAR_SHIFT: "#56B4E9",
+    Validity.SENSOR_FAULT: "#0072B2",
 }
 
 # brown downhill, pale grey level, blue uphill (after ColorBrewer's BrBG, darker in the middle)

@@ -176,8 +176,7 @@ class Tires(Section):
     friction: _Friction = 1.0
     """Peak friction coefficient on dry asphalt"""
     shape: _Shape = 1.45
-    """Shape factor C of F/(μF_z) = sin(C atan(x/C)), x the slip times the stiffness over μ: a low one bends
-    early and saturates late (brush about 1.2, a passenger car's tire 1.3…1.7)"""
+    """Shape factor C of F/(μF_z) = sin(C atan(x/C)), x = slip × stiffness/μ (passenger cars 1.3…1.7)"""
     relaxation_length: _RelaxationLength = 0.4
     """Distance rolled in which the lateral force builds up to 63 %"""
 
