@@ -23,6 +23,10 @@ _LOOP_OPTIONS: Options = {
     "xla_cpu_use_fusion_emitters": False,
 }
 
+# XLA's factorisations wait, on a thread of its pool, for others of that pool. When several programs run at
+# once (run.batch) and each waits like this, a pool of one thread a core has none left: all wait for ever.
+os.environ.setdefault("NPROC", str(2 * (os.cpu_count() or 1)))
+
 # float64 is the default here: a grade from two nearly equal accelerations wants the digits. Whoever sets
 # JAX_ENABLE_X64 decides for themselves.
 if "JAX_ENABLE_X64" not in os.environ:
