@@ -8,10 +8,14 @@ import numpy as np
 import pytest
 
 from roadstate.core import REFERENCES, Estimates, Log, Validity
+from roadstate.core.constants import GRAVITY
 from roadstate.core.quantities import reference
 from roadstate.estimators import build
-from roadstate.estimators.friction_bank import FrictionBank, Touch
+from roadstate.estimators.contact_forces import ForceMeter
+from roadstate.estimators.friction_bank import STIFF_F, STIFF_R, BankState, FrictionBank, Touch
 from roadstate.estimators.friction_curve import grip
+from roadstate.estimators.intake import SMOOTHING, SPIN, Signals
+from roadstate.estimators.tire_contact import TireContact
 from roadstate.papers.base import MISMATCHED
 from roadstate.papers.plants import told
 from roadstate.run import batch, scan
@@ -82,6 +86,8 @@ class TestBank:
             speed=jnp.asarray(15.0),
             accel_y=jnp.zeros(()),
             yaw_rate=jnp.zeros(()),
+            yaw_accel=jnp.zeros(()),
+            lateral=jnp.zeros(()),
             angle=jnp.zeros(2),
             across=jnp.zeros(2),
             along=along * four,
@@ -159,3 +165,62 @@ def test_a_stuck_accelerometer_is_noticed(
     said = scan(estimator, Log(log.time, channels, log.metadata))
     assert (said.validity[300:600] == Validity.SENSOR_FAULT).any()
     assert all(np.isfinite(v).all() for v in said.values.values())
+
+
+def test_noise_does_not_wear_the_stiffness_away(vehicle: Vehicle) -> None:
+    # a steady bend on a level road, with white noise on acceleration and yaw rate
+    bank, rng = FrictionBank(vehicle), np.random.default_rng(1)
+    speed, used = 15.0, 0.15
+    angles = [used / vehicle.tires.cornering_stiffness_front, used / vehicle.tires.cornering_stiffness_rear]
+    held = GRAVITY * used
+    four = jnp.ones(4)
+
+    def body(state: BankState, noise: jax.Array) -> tuple[BankState, None]:
+        touch = Touch(
+            speed=jnp.asarray(speed),
+            accel_y=held + noise[0],
+            yaw_rate=held / speed + noise[1],
+            yaw_accel=jnp.zeros(()),
+            lateral=0.3 * noise[0] - 0.3 * speed * noise[1],
+            angle=jnp.asarray(angles),
+            across=used + 0.3 * noise[:1] / GRAVITY * jnp.ones(2),
+            along=0.0 * four,
+            slip=0.0 * four,
+            slip_std=0.004 * four,
+            across_std=jnp.zeros(2),
+            along_std=jnp.zeros(4),
+            transfer=jnp.zeros(2),
+            lag=jnp.asarray(0.1),
+        )
+        return bank.step(state, touch, jnp.asarray(0.01))[0], None
+
+    noise = rng.normal(size=(3000, 2)) * np.array([0.08, 0.002])
+    state, _ = jax.lax.scan(body, bank.init(), jnp.asarray(noise))
+    mean, _ = bank.merged(state)
+    assert np.abs(np.asarray(mean)[[STIFF_F, STIFF_R]]).max() < 0.05
+
+
+def test_wheels_under_drive_slip_as_much_as_they_do(vehicle: Vehicle) -> None:
+    """A low pass lags by its time constant; wheels and car are compared at the same instant."""
+    contact, meter = TireContact(vehicle), ForceMeter(vehicle, ())
+    accel, radius = 3.0, vehicle.wheels.radius
+    time = np.arange(0, 3, 0.01)
+    speed = 10 + accel * time
+    # 2 % of slip, read when a wheel's speed comes
+    spin = 1.02 * (speed - 0.01 * accel) / radius
+    smooth = spin - 1.02 * SMOOTHING * accel / radius
+    zero = jnp.zeros(8)
+    seen = Signals(
+        value=zero.at[SPIN].set(spin[-1]),
+        age=zero,
+        is_fresh=jnp.ones(8, bool),
+        smooth=zero.at[SPIN].set(smooth[-1]),
+        rate=zero.at[SPIN].set(1.02 * accel / radius),
+        is_faulty=jnp.zeros(8, bool),
+    )
+    forces = meter.nothing()
+    _, touch = contact.touch(
+        jnp.zeros((2, 2)), seen, forces, jnp.asarray(speed[-1]), jnp.asarray(0.05), jnp.asarray(accel),
+        jnp.asarray(0.01),
+    )  # fmt: skip
+    np.testing.assert_allclose(np.asarray(touch.slip), 0.02, atol=3e-4)

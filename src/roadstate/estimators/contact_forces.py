@@ -31,7 +31,8 @@ _GUST = 3.0  # m/s/√Hz: a wind that varies by 1 m/s over 5 s
 _TURNING = 0.05  # 1σ of the share of the front axle's lateral force that steering turns backward
 _SPLIT_ERROR = 0.3  # 1σ of a brake's share of a force whose distribution nothing tells
 _INERTIA_ERROR = 0.1  # 1σ of the yaw inertia, as a share of it
-_PLACE_ERROR = 0.2  # m: 1σ of where the IMU is along the car
+_PLACE_ERROR = 0.05  # m: 1σ of where the IMU is along the car, once that has been learned
+_TRAIL = 0.03  # m: pneumatic trail of a car's tire below the limit
 _LARGEST = 0.7  # of the weight: no wheel's torque makes more
 
 
@@ -52,7 +53,8 @@ class AxleForces(NamedTuple):
         load: (4,) N.
         along_std, across_std: (4,), (2,) 1σ over load, beyond what every such measurement errs; infinite
             where nothing tells.
-        accel: (2,) specific force at the centre of gravity along and across, low-passed, m/s².
+        accel: (2,) specific force at the accelerometer along and across, low-passed, m/s².
+        yaw_accel: rad/s², low-passed.
         explained: what torques and air resistance make of the first, m/s².
         drive, brake, rolling: m/s², as :class:`~roadstate.estimators.along.AlongInput`.
         intensity: of the error of ``explained``, m/s²/√Hz.
@@ -66,6 +68,7 @@ class AxleForces(NamedTuple):
     along_std: Float[Array, " 4"]
     across_std: Float[Array, " 2"]
     accel: Float[Array, " 2"]
+    yaw_accel: Float[Array, ""]
     explained: Float[Array, ""]
     drive: Float[Array, ""]
     brake: Float[Array, ""]
@@ -121,7 +124,7 @@ class ForceMeter(eqx.Module):
         no = jnp.zeros((), bool)
         load = self.car.wheel_loads(zero, zero)
         return AxleForces(
-            four, two, load, four + jnp.inf, two + jnp.inf, two, zero, zero, zero, zero, zero + 1.0,
+            four, two, load, four + jnp.inf, two + jnp.inf, two, zero, zero, zero, zero, zero, zero + 1.0,
             zero + 1e6, no, no,
         )  # fmt: skip
 
@@ -195,6 +198,7 @@ class ForceMeter(eqx.Module):
             along_std=split / jnp.maximum(load, 0.1 * jnp.mean(load)) + unsure,
             across_std=jnp.hypot(moment, _PLACE_ERROR * rotation / GRAVITY) + missing,
             accel=accel,
+            yaw_accel=signals.rate[YAW_RATE],
             explained=explained,
             drive=jnp.sum(torque[:4]) / (radius * mass),
             brake=jnp.sum(torque[4:]) / (radius * mass),
@@ -227,8 +231,9 @@ class ForceMeter(eqx.Module):
         turn = jnp.stack([cosine, cosine, jnp.ones_like(cosine), jnp.ones_like(cosine)])
         moment = -jnp.sum(self._half_track * along * turn)  # the left side pushes to the right
         turning = car.yaw_inertia * yaw_accel - moment
-        front = (car.cg_to_rear_axle * car.mass * accel_y + turning) / self._wheelbase
-        rear = (car.cg_to_front_axle * car.mass * accel_y - turning) / self._wheelbase
+        # the tires' aligning moments: each lateral force acts a trail behind its axle
+        front = ((car.cg_to_rear_axle + _TRAIL) * car.mass * accel_y + turning) / self._wheelbase
+        rear = ((car.cg_to_front_axle - _TRAIL) * car.mass * accel_y - turning) / self._wheelbase
         return jnp.stack([(front - (along[0] + along[1]) * sine) / cosine, rear])
 
     def _intensity(

@@ -22,9 +22,10 @@ VIEWS = ("", "_front", "_rear", "_left", "_right")
 """The car and its parts, of whose tires friction is told."""
 STATES = (
     *("velocity_y", "bank", "bank_rate", "accel_y_bias"),
-    *("stiffness_front", "stiffness_rear", "steer_bias", "shape"),
+    *("stiffness_front", "stiffness_rear", "steer_bias", "shape", "lever", "yaw_rate_bias"),
 )
-V_Y, BANK, BANK_RATE, BIAS_Y, STIFF_F, STIFF_R, STEER_BIAS, SHAPE = range(8)
+_N = len(STATES)
+V_Y, BANK, BANK_RATE, BIAS_Y, STIFF_F, STIFF_R, STEER_BIAS, SHAPE, LEVER, BIAS_R = range(_N)
 _ALONG = ("slip_stiffness", "shape")
 _LEAST, _LARGEST, _COUNT = 0.06, 1.35, 48
 _ELSEWHERE = 0.5  # prior probability of a road that is not dry
@@ -32,13 +33,17 @@ _JUMP = 1 / 400.0  # 1/m: how often the road's friction changes altogether
 _DRIFT = 0.1**2 / 300.0  # 1/m: variance of ln μ that is added by driving on
 _BANK_LENGTH = 80.0  # m over which a road keeps its bank
 _LASTING = 3600.0  # s
+_SIDESLIP = 0.1  # rad: 1σ of the rear axle's slip angle
+_LEVER = 0.3  # m: 1σ of how far the accelerometer sits ahead of the centre of gravity
 _SLOWEST = 3.0  # m/s below which slip angles say nothing
 _ACCEL = 0.03  # m/s²/√Hz: white error of what moves the car sideways
 _ERROR = (0.008, 0.015)  # 1σ of a force over load measured, and share of it
 _ANGLE_ERROR = 0.002  # rad: 1σ of a slip angle, besides what v_y and the steering's bias do to it
-_ERROR_TIME = 0.6  # s: how long that error lasts
+_ERROR_TIME = 0.15  # s: how long these errors last
 _SLIP_SHARE = 0.5  # 1σ of a slip that is known by the force only, as a share of it
+_SLIP_ASIDE = 0.4  # 1σ of a slip, as a share of the slip angle: where a wheel heads is known that well
 _SLIP_TIME = 1.0  # s: how long that lasts
+_LIVELY = (0.1, 0.5)  # change of a force over load from which on slopes tell of friction, within s
 _ROBUST = 16.0  # squared deviations, over σ², from which on a sample counts less
 _ONSET = 8.0  # squared deviations, over σ², that no lasting error explains
 _LEAST_STEP = 1e-3
@@ -62,6 +67,8 @@ class Touch(NamedTuple):
         speed: m/s, along x.
         accel_y: specific force across, m/s².
         yaw_rate: rad/s.
+        yaw_accel: rad/s², low-passed.
+        lateral: what v̇_y would be on a level road and without biases, low-passed, m/s².
         angle: (2,) rad: slip angles of the axles but for v_y and the steering's bias, low-passed.
         across, along: (2,) and (4,) F_y/F_z of the axles and F_x/F_z of the wheels, low-passed.
         slip: (4,) practical slip of the wheels.
@@ -74,6 +81,8 @@ class Touch(NamedTuple):
     speed: Float[Array, ""]
     accel_y: Float[Array, ""]
     yaw_rate: Float[Array, ""]
+    yaw_accel: Float[Array, ""]
+    lateral: Float[Array, ""]
     angle: Float[Array, " 2"]
     across: Float[Array, " 2"]
     along: Float[Array, " 4"]
@@ -90,22 +99,24 @@ class BankState(NamedTuple):
 
     Attributes:
         log_weight: (5, J) of each of :data:`VIEWS`.
-        x: (8, J) what each friction makes of :data:`STATES`; stiffnesses as logarithms of their factors,
-            shape as difference from the file's.
-        P: (8, 8, J) its covariance.
+        x: (n, J) what each friction makes of :data:`STATES`; stiffnesses as logarithms of their factors,
+            shape as difference from the file's, lever in m.
+        P: (n, n, J) its covariance.
         y: (2, J) the logarithm of the slip stiffness' factor, and the longitudinal shape's difference.
         Y: (2, 2, J) its covariance.
+        level: (2,) F_y/F_z of the axles, slowed.
     """
 
     log_weight: Float[Array, "5 J"]
-    x: Float[Array, "8 J"]
-    P: Float[Array, "8 8 J"]
+    x: Float[Array, "n J"]
+    P: Float[Array, "n n J"]
     y: Float[Array, "2 J"]
     Y: Float[Array, "2 2 J"]
+    level: Float[Array, " 2"]
 
 
 def _learn(
-    x: Array, P: Array, row: Array, innovation: Array, noise: Array, takes: Array
+    x: Array, P: Array, row: Array, innovation: Array, noise: Array, takes: Array, lively: Array
 ) -> tuple[Array, Array, Array]:
     """A scalar measurement for all hypotheses: new mean and covariance, and log-likelihood.
 
@@ -115,7 +126,8 @@ def _learn(
         row: (n, J) the sensor's derivative.
         innovation: (J,).
         noise: (J,) variance of an independent sample.
-        takes: (J,) how many samples make an independent one; what deviates far counts less.
+        takes: how many samples make an independent one; what deviates far counts less.
+        lively: 0 to 1, how much of the likelihood's normalising factor counts.
     """
     gain = jnp.sum(P * row[None], axis=1)
     own = jnp.sum(gain * row, axis=0)
@@ -124,9 +136,11 @@ def _learn(
     x = x + gain * (innovation / total)
     P = P - gain[:, None] * (gain / total)[None]
     # Student's t of one independent sample in so many, of more where an error is too large to last.
-    # Its normalising factor is left out: what a hypothesis is unsure of depends on noises that are but
-    # roughly known, and must not make it likely or unlikely by itself.
+    # Its normalising factor counts while forces change. Without it a hypothesis that is unsure of its force
+    # is never refuted, and friction comes out too high; while nothing changes, every hypothesis predicts
+    # well, noises are but roughly known, and the surest, a tire that slides, would win by the factor alone.
     likelihood = -2.5 * jnp.log1p(far / 4.0) * jnp.minimum((1 + far / _ONSET) / takes, 1.0)
+    likelihood = likelihood - lively * 0.5 * jnp.log(own + noise) / takes
     return x, P, likelihood
 
 
@@ -155,7 +169,7 @@ class FrictionBank(eqx.Module):
     _slip_stiffness: Float[Array, ""]
     _shape: Float[Array, ""]
     _road: GradePrior
-    _std: Float[Array, " 8"]
+    _std: Float[Array, " n"]
     _along_std: Float[Array, " 2"]
     _arm: Float[Array, " 2"]
 
@@ -178,7 +192,9 @@ class FrictionBank(eqx.Module):
         stiff, shape = prior.stiffness_relative, prior.tire_shape_std
         self._road = GradePrior(leaf(bank), leaf(_BANK_LENGTH))
         rate = bank * 3**0.5 / _BANK_LENGTH
-        self._std = jnp.asarray(np.array([1.0, bank, rate, bias, stiff, stiff, steer, shape]))
+        self._std = jnp.asarray(
+            np.array([1.0, bank, rate, bias, stiff, stiff, steer, shape, _LEVER, sensors.yaw_rate.bias])
+        )
         self._along_std = jnp.asarray(np.array([stiff, shape]))
         geometry = vehicle.geometry
         self._arm = jnp.asarray([geometry.cg_to_front_axle, -geometry.cg_to_rear_axle])
@@ -188,10 +204,11 @@ class FrictionBank(eqx.Module):
         ones = jnp.ones(_COUNT)
         return BankState(
             jnp.broadcast_to(self.prior, (len(VIEWS), _COUNT)),
-            jnp.zeros((8, _COUNT)),
+            jnp.zeros((_N, _COUNT)),
             jnp.diag(self._std**2)[:, :, None] * ones,
             jnp.zeros((2, _COUNT)),
             jnp.diag(self._along_std**2)[:, :, None] * ones,
+            jnp.zeros(2),
         )
 
     def step(
@@ -201,11 +218,17 @@ class FrictionBank(eqx.Module):
         mixed = self._mixed(state, jnp.abs(touch.speed) * dt)
         x, P = self._moved(mixed.x, mixed.P, touch, dt)
         evidence = jnp.zeros((6, _COUNT), x.dtype)
+        lively = jnp.minimum(((touch.across - state.level) / _LIVELY[0]) ** 2, 1.0)
+        level = state.level - jnp.expm1(-dt / _LIVELY[1]) * (touch.across - state.level)
         step = jnp.maximum(dt, _LEAST_STEP)
         speed = jnp.maximum(jnp.abs(touch.speed), _SLOWEST)
         kappa = touch.slip.reshape(2, 2).mean(axis=1)
         sigma_x = kappa / jnp.maximum(1 + kappa, 0.1)
         takes = jnp.maximum(2 * _ERROR_TIME / step, 1.0)
+        # beyond its peak a tire tells nothing of the sideslip: a car that is driven does not slide far
+        rear = (x[V_Y] + self._arm[1] * touch.yaw_rate) / speed
+        row = jnp.zeros_like(x).at[V_Y].set(1 / speed)
+        x, P, _ = _learn(x, P, row, -rear, jnp.full_like(rear, _SIDESLIP**2), takes, jnp.zeros(()))
         for axle in range(2):
             here = self._axle(x, touch, speed, sigma_x[axle], mixed.y[0], axle)
             row = jnp.zeros_like(x)
@@ -213,18 +236,22 @@ class FrictionBank(eqx.Module):
             by_angle = here.across_by_angle * angle
             lagged = -by_angle / speed
             row = row.at[V_Y].set(lagged).at[BANK].set(lagged * touch.lag).at[BIAS_Y].set(lagged * touch.lag)
+            row = row.at[LEVER].set((lagged * touch.lag + 1 / GRAVITY) * touch.yaw_accel)
             row = row.at[STIFF_F + axle].set(here.across_by_slip).at[SHAPE].set(here.across_by_shape)
+            turned = lagged * (-self._arm[axle] - touch.lag * touch.speed)
+            row = row.at[BIAS_R].set(turned)
             if axle == 0:
                 row = row.at[STEER_BIAS].set(-by_angle * jnp.sign(touch.speed))
-            # the accelerometer's bias is in the force as well
+            # the accelerometer's bias and place are in the force as well
             row = row.at[BIAS_Y].add(1 / GRAVITY)
             measured = touch.across[axle]
             noise = touch.across_std[axle] ** 2 + _ERROR[0] ** 2 + (_ERROR[1] * measured) ** 2
             noise = noise + (by_angle * _ANGLE_ERROR) ** 2
             known = jnp.isfinite(noise) & (jnp.abs(touch.speed) > _SLOWEST)
             noise = jnp.where(known, noise, 1e12)
-            innovation = jnp.where(known, measured - here.across - x[BIAS_Y] / GRAVITY, 0.0)
-            x, P, likelihood = _learn(x, P, row, innovation, noise, takes)
+            misread = (x[BIAS_Y] + x[LEVER] * touch.yaw_accel) / GRAVITY
+            innovation = jnp.where(known, measured - here.across - misread, 0.0)
+            x, P, likelihood = _learn(x, P, row, innovation, noise, takes, lively[axle])
             evidence = evidence.at[axle].set(jnp.where(known, likelihood, 0.0))
         y, Y = mixed.y, mixed.Y
         takes = jnp.maximum(2 * _SLIP_TIME / step, 1.0)
@@ -239,19 +266,19 @@ class FrictionBank(eqx.Module):
             row = jnp.stack([here.along_by_slip, here.along_by_shape])
             measured = touch.along[wheel]
             by_force = _SLIP_SHARE * measured / self._slip_stiffness
-            slips = jnp.sqrt(touch.slip_std[wheel] ** 2 + by_force**2)
-            force = touch.along_std[wheel] ** 2 + _ERROR[0] ** 2 + (_ERROR[1] * measured) ** 2
-            noise = force + (stiff * here.along_by_ratio * slips) ** 2
-            known = jnp.isfinite(force) & (jnp.abs(touch.speed) > 0.5 * _SLOWEST)
+            slips = jnp.sqrt(touch.slip_std[wheel] ** 2 + by_force**2 + (_SLIP_ASIDE * angle) ** 2)
+            floor = touch.along_std[wheel] ** 2 + _ERROR[0] ** 2 + (_ERROR[1] * measured) ** 2
+            noise = floor + (stiff * here.along_by_ratio * slips) ** 2
+            known = jnp.isfinite(floor) & (jnp.abs(touch.speed) > 0.5 * _SLOWEST)
             noise = jnp.where(known, noise, 1e12)
             innovation = jnp.where(known, measured - here.along, 0.0)
-            y, Y, likelihood = _learn(y, Y, row, innovation, noise, takes)
+            y, Y, likelihood = _learn(y, Y, row, innovation, noise, takes, jnp.zeros(()))
             evidence = evidence.at[2 + wheel].set(jnp.where(known, likelihood, 0.0))
         raised = mixed.log_weight + jnp.asarray(_WEIGHTS, x.dtype) @ evidence
         most = jnp.max(raised, axis=1, keepdims=True)
         total = most + jnp.log(jnp.sum(jnp.exp(raised - most), axis=1, keepdims=True))
         weight = jnp.maximum(raised - total, _FLOOR)
-        return BankState(weight, x, P, y, Y), total[0, 0]
+        return BankState(weight, x, P, y, Y, level), total[0, 0]
 
     def _factor(self, touch: Touch, axle: int) -> Array:
         """How much of an axle's cornering stiffness is left as load moves to its outer wheel."""
@@ -259,8 +286,8 @@ class FrictionBank(eqx.Module):
 
     def _angle(self, x: Array, touch: Touch, speed: Array, axle: int) -> Array:
         """Slip angle of an axle under each hypothesis, as its tangent."""
-        lateral = touch.accel_y - touch.speed * touch.yaw_rate - x[BANK] - x[BIAS_Y]
-        angle = touch.angle[axle] - (x[V_Y] - touch.lag * lateral) / speed
+        lateral = touch.lateral - x[BANK] - x[BIAS_Y] - x[LEVER] * touch.yaw_accel + touch.speed * x[BIAS_R]
+        angle = touch.angle[axle] - (x[V_Y] - self._arm[axle] * x[BIAS_R] - touch.lag * lateral) / speed
         return angle - x[STEER_BIAS] * jnp.sign(touch.speed) if axle == 0 else angle
 
     def _axle(self, x: Array, touch: Touch, speed: Array, ratio: Array, stiff: Array, axle: int) -> Grip:
@@ -270,15 +297,17 @@ class FrictionBank(eqx.Module):
         return grip(along, across, self.friction, self._shape + x[SHAPE])
 
     def _moved(self, x: Array, P: Array, touch: Touch, dt: Array) -> tuple[Array, Array]:
-        """Δt later: v̇_y = a_y − bank − bias − v_x r; the rest forgets."""
+        """Δt later: v̇_y = a_y − bank − bias − lever ṙ − v_x (r − its bias); the rest forgets."""
         distance = jnp.abs(touch.speed) * dt
-        keep = jnp.ones(8, x.dtype).at[BIAS_Y : STEER_BIAS + 1].set(jnp.exp(-dt / _LASTING))
+        keep = jnp.ones(_N, x.dtype).at[BIAS_Y : STEER_BIAS + 1].set(jnp.exp(-dt / _LASTING))
+        keep = keep.at[BIAS_R].set(jnp.exp(-dt / _LASTING))
         grown = (1 - keep**2) * self._std**2
         grown = grown.at[V_Y].set(_ACCEL**2 * dt)
         road = slice(BANK, BANK_RATE + 1)
         noise = self._road.sqrt_Q(distance)
         F = jnp.diag(keep).at[road, road].set(self._road.transition(distance))
         F = F.at[V_Y, BANK].set(-dt).at[V_Y, BIAS_Y].set(-dt)
+        F = F.at[V_Y, LEVER].set(-dt * touch.yaw_accel).at[V_Y, BIAS_R].set(dt * touch.speed)
         Q = jnp.diag(grown).at[road, road].set(noise @ noise.T)
         known = touch.accel_y - touch.speed * touch.yaw_rate
         moved = (F @ x).at[V_Y].add(dt * known)
@@ -287,7 +316,7 @@ class FrictionBank(eqx.Module):
         # at a walking pace the rear axle follows where it points
         slow = jnp.abs(touch.speed) < _SLOWEST
         follows = -self._arm[1] * touch.yaw_rate
-        held = jnp.where(slow, jnp.where(jnp.arange(8) == V_Y, 0.0, 1.0), 1.0)
+        held = jnp.where(slow, jnp.where(jnp.arange(_N) == V_Y, 0.0, 1.0), 1.0)
         P = P * (held[:, None] * held[None])[:, :, None]
         P = P + jnp.diag(jnp.where(slow, 0.05**2, 0.0) * (1 - held))[:, :, None]
         return moved.at[V_Y].set(jnp.where(slow, follows, moved[V_Y])), P
@@ -305,10 +334,10 @@ class FrictionBank(eqx.Module):
         new = fresh / jnp.maximum(whole[0], 1e-30)
         x, P = _inherit(state.x, state.P, p[0], new)
         y, Y = _inherit(state.y, state.Y, p[0], new)
-        return BankState(jnp.log(jnp.maximum(whole, 1e-30)), x, P, y, Y)
+        return BankState(jnp.log(jnp.maximum(whole, 1e-30)), x, P, y, Y, state.level)
 
     def merged(self, state: BankState) -> tuple[Array, Array]:
-        """Mean (8,) and 1σ (8,) of :data:`STATES` over all hypotheses."""
+        """Mean (n,) and 1σ (n,) of :data:`STATES` over all hypotheses."""
         return _moments(state.x, state.P, jnp.exp(state.log_weight[0]))
 
     def quantiles(self, state: BankState, levels: tuple[float, ...]) -> Float[Array, "q 5"]:

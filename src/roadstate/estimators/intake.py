@@ -33,6 +33,7 @@ _PATIENCE = 4  # samples in a row that a jump must last to be believed
 _STUCK = 40  # equal samples in a row after which a signal may be stuck
 _ACTIVE = (0.5, 0.8, 0.06)  # change meanwhile of what tells the same, m/s², m/s², rad/s: then it is stuck
 _NEVER = 1e6
+_LEAST_STEP = 1e-3  # s
 _SLOWEST = 1.0  # m/s below which a car's signals may well stand still
 
 
@@ -166,7 +167,7 @@ class Intake(eqx.Module):
             age=jnp.where(stuck, jnp.maximum(age, 2 * STALE), age),
             is_fresh=taken & (~stuck),
             smooth=smooth,
-            rate=jnp.where(first, 0.0, (value - smooth) / SMOOTHING),
+            rate=jnp.where(first, 0.0, (smooth - state.smooth) / jnp.maximum(dt, _LEAST_STEP)),
             is_faulty=stuck | (refused > 0),
         )
         return SignalState(value, age, refused, repeats, low, high, smooth, gear), told

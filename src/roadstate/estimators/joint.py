@@ -17,7 +17,7 @@ from roadstate.core.gaussian import Info
 from roadstate.estimators.along import SLOPE, SPEED, AlongInput, AlongModel
 from roadstate.estimators.base import Estimate, Estimator, Need, Sample, leaf
 from roadstate.estimators.contact_forces import AxleForces, ForceMeter, ForceMeterState
-from roadstate.estimators.friction_bank import BANK, BIAS_Y, V_Y, VIEWS, BankState, FrictionBank
+from roadstate.estimators.friction_bank import BANK, BIAS_Y, LEVER, V_Y, VIEWS, BankState, FrictionBank
 from roadstate.estimators.intake import (
     ACCEL_X,
     ACCEL_Y,
@@ -183,7 +183,8 @@ class Joint(Estimator[JointState]):
         u, z = self._along(state, held, seen, forces, sample, across[V_Y], dt)
         along, info = self.filter.step(self.along, state.along, u, z, dt)
         speed, speed_std = along.gaussian.mean[SPEED], along.gaussian.std[SPEED]
-        lagged, touch = self.contact.touch(state.lagged, seen, forces, speed, speed_std, dt)
+        gain = u.accel - along.gaussian.mean[SLOPE] - along.gaussian.mean[3]
+        lagged, touch = self.contact.touch(state.lagged, seen, forces, speed, speed_std, gain, dt)
         bank, likelihood = self.bank.step(state.bank, touch, dt)
         tells = np.array([s == "speed" or s in WHEEL_SPEEDS for s in self.sensors])
         told = jnp.any(jnp.isfinite(z) & tells)
@@ -292,9 +293,9 @@ class Joint(Estimator[JointState]):
             tell("altitude", mean[-2], std[-2])
         axles = forces.load.reshape(2, 2).sum(axis=1)
         side, side_std = self.bank.merged(state.bank)
-        # ahead by as much as the low pass lags, and freed of the accelerometer's bias
+        # ahead by as much as the low pass lags, and freed of the accelerometer's bias and place
         ahead = forces.across - state.lagged[1] * axles
-        lateral = forces.across + ahead - side[BIAS_Y] / GRAVITY * axles
+        lateral = forces.across + ahead - (side[BIAS_Y] + side[LEVER] * forces.yaw_accel) / GRAVITY * axles
         used, used_std = self._used(forces, lateral, ahead, side_std[BIAS_Y])
         ages = state.signals.age
         silent = jnp.minimum(ages[ACCEL_X], 10.0) + jnp.minimum(ages[ACCEL_Y], 3.0)

@@ -21,8 +21,10 @@ _SLIP_SHARE = 1.0  # 1σ of the slip that a wheel's force makes, as a share of i
 _SLIP_TIME = 0.5  # s: how long that lasts
 _SLIP_LARGEST = 0.15
 _SLIP_ERROR = 0.004  # 1σ of a slip, of radii that differ
+_SHARED_SLIP = 2.0  # 1σ of the slip that all wheels share, as a share of what the least force makes
 _RUNAWAY = (0.4, 3.0)  # m/s by which a wheel may leave the rest, and 1σ over what is beyond
 _DEAD_BAND = (0.7, 0.25)  # m/s: a slower wheel may read anything down to zero, with this 1σ
+_WHEEL_DELAY = 0.01  # s: age of a wheel's speed when it comes
 _YIELDS = 0.025  # s: lag of the force behind the angle that suspension and steering add to the tire's
 _LAG_ERROR = 0.015  # s: 1σ of that lag
 _LEAST_STEP = 1e-3  # s
@@ -90,6 +92,7 @@ class TireContact(eqx.Module):
         forces: AxleForces,
         speed: Array,
         spread: Array,
+        accel: Array,
         dt: Array,
     ) -> tuple[Float[Array, "2 2"], Touch]:
         """How the tires touch the road; the axles' slip angles but for v_y and their F_y/F_z, slowed.
@@ -100,6 +103,7 @@ class TireContact(eqx.Module):
             forces: at this instant.
             speed: m/s.
             spread: its 1σ.
+            accel: its rate, m/s².
             dt: s.
         """
         moving = jnp.maximum(jnp.abs(speed), 1.0)
@@ -115,9 +119,14 @@ class TireContact(eqx.Module):
         radius = self.radius
         cosine = jnp.cos(seen.smooth[STEER])
         turn = jnp.stack([cosine, cosine, jnp.ones_like(cosine), jnp.ones_like(cosine)])
-        ground = (speed - self.half_track * seen.smooth[YAW_RATE]) / turn
+        # as late as the wheels' speeds are
+        late = speed - (SMOOTHING + _WHEEL_DELAY) * accel
+        ground = (late - self.half_track * seen.smooth[YAW_RATE]) / turn
         ground = jnp.where(jnp.abs(ground) < 1.0, jnp.where(ground < 0, -1.0, 1.0), ground)
         slip = jnp.clip((radius * seen.smooth[SPIN] - ground) / jnp.abs(ground), -1.0, 10.0)
+        # the speed comes from wheels that were taken to slip as little as their forces: what the freest of
+        # them slips more, all seem to slip less
+        least = jnp.min(jnp.abs(forces.along / load)) / self.slip_stiffness
         stale = seen.age[SPIN] > STALE
         unknown = jnp.where(stale, jnp.inf, 0.0)
         steered = jnp.where(seen.age[STEER] < STALE, 0.0, jnp.inf) * jnp.asarray([1.0, 0.0])
@@ -127,11 +136,14 @@ class TireContact(eqx.Module):
             speed=speed,
             accel_y=seen.value[ACCEL_Y],
             yaw_rate=seen.value[YAW_RATE],
+            yaw_accel=seen.rate[YAW_RATE],
+            lateral=seen.smooth[ACCEL_Y] - speed * seen.smooth[YAW_RATE],
             angle=angle,
             across=across,
             along=forces.along / load,
             slip=jnp.where(stale, 0.0, slip),
-            slip_std=jnp.hypot(spread / moving, _SLIP_ERROR) * jnp.ones(4),
+            slip_std=jnp.sqrt((spread / moving) ** 2 + _SLIP_ERROR**2 + (_SHARED_SLIP * least) ** 2)
+            * jnp.ones(4),
             across_std=jnp.hypot(forces.across_std, _LAG_ERROR * across_rate) + steered,
             along_std=forces.along_std + unknown,
             transfer=transfer,
