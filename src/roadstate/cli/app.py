@@ -6,6 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
+from roadstate.cli.calibrate import calibrate
 from roadstate.cli.channels import channels
 from roadstate.cli.compare import compare
 from roadstate.cli.demo import demo
@@ -22,7 +23,11 @@ app = typer.Typer(
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 80},
 )
-for function in (demo, channels, estimate, compare, simulate, tire, papers, estimators, manoeuvres, vehicles):
+COMMANDS = (
+    *(demo, channels, estimate, compare, calibrate, simulate, tire, papers),
+    *(estimators, manoeuvres, vehicles),
+)
+for function in COMMANDS:
     app.command()(function)
 
 

@@ -13,7 +13,14 @@ if TYPE_CHECKING:
     from roadstate.vehicles.catalogue import vehicle_models
     from roadstate.vehicles.integrate import RK4, Euler, Integrator, LinearlyImplicit, SubSteps
     from roadstate.vehicles.kinematics import wheel_positions, wheel_slips, wheel_steer, wheel_velocities
-    from roadstate.vehicles.library import VehicleSummary, json_schema, load_vehicle, parse_vehicle, presets
+    from roadstate.vehicles.library import (
+        VehicleSummary,
+        json_schema,
+        load_vehicle,
+        parse_vehicle,
+        presets,
+        vehicle_text,
+    )
     from roadstate.vehicles.loads import gravity_part, vertical_loads
     from roadstate.vehicles.model import VehicleModel
     from roadstate.vehicles.parameters import Vehicle
@@ -49,6 +56,7 @@ _HOME = {
     "presets": "library",
     "split_torque": "wheels",
     "vehicle_models": "catalogue",
+    "vehicle_text": "library",
     "vertical_loads": "loads",
     "wheel_positions": "kinematics",
     "wheel_slips": "kinematics",
@@ -79,6 +87,7 @@ __all__ = [
     "presets",
     "split_torque",
     "vehicle_models",
+    "vehicle_text",
     "vertical_loads",
     "wheel_positions",
     "wheel_slips",

@@ -49,8 +49,21 @@ def load_vehicle(name_or_path: str | Path) -> Vehicle:
         InputError: there is neither, or the file is not a valid vehicle file; names key and line.
     """
     name = str(name_or_path)
+    return _preset(name) if name in _preset_texts() else parse_vehicle(vehicle_text(name_or_path), name)
+
+
+def vehicle_text(name_or_path: str | Path) -> str:
+    """The text of a preset's vehicle file, or of a file.
+
+    Args:
+        name_or_path: as of :func:`load_vehicle`.
+
+    Raises:
+        InputError: there is neither, or the file is too large or not text.
+    """
+    name = str(name_or_path)
     if name in _preset_texts():
-        return _preset(name)
+        return _preset_texts()[name]
     path = Path(name_or_path)
     if not _exists(path):
         if path.suffix.lower() in (".yaml", ".yml") or len(path.parts) > 1:
@@ -62,7 +75,7 @@ def load_vehicle(name_or_path: str | Path) -> Vehicle:
             where="vehicle",
             mend=f"{hint}presets: {_preset_list()}; or give the path of a vehicle file",
         )
-    return parse_vehicle(_read_text(path), name)
+    return _read_text(path)
 
 
 def parse_vehicle(text: str, where: str) -> Vehicle:

@@ -1,0 +1,363 @@
+"""The likelihood of logs under an estimator's own filter, and how it changes with the car's figures.
+
+An estimator is built from plain numbers, which cannot be traced. So it is built once more for each parameter,
+moved a little, and all of them go through the log in one loop, side by side: differences of innovations and
+of likelihoods are their derivatives.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from numpy.typing import NDArray
+
+from roadstate.calibration.parameters import Parameter, moved, with_certainty
+from roadstate.calibration.uncertainty import Mask, Numbers
+from roadstate.core import InputError, Log
+from roadstate.core.gaussian import Gate
+from roadstate.core.numerics import jit_loop
+from roadstate.core.packing import Layout
+from roadstate.estimators import build
+from roadstate.filters.base import LOG_2PI, GateRule
+from roadstate.run.chunk import cut, inputs, start
+from roadstate.vehicles import Vehicle
+
+_CHUNK = 1024  # samples a compiled loop takes at once
+_TOGETHER = 4  # estimators in one loop; more of them take turns, or other processors
+_SPAN = 0.5  # of a prior standard deviation, over which curvature is looked for
+_BALANCE = ("mass", "aerodynamics", "rolling_resistance", "driveline", "brakes", "body")
+_ROUNDING = 1e-3  # of a score
+_OUTLIER = GateRule().threshold
+
+
+class _Rows(NamedTuple):
+    """Steps of each of b estimators, the unmoved one first.
+
+    Attributes:
+        log_likelihood: (b, k).
+        innovation: (b, k, m).
+        S: (b, k, m, m).
+        used: (b, k, m).
+        ok: (b, k).
+    """
+
+    log_likelihood: Any
+    innovation: Any
+    S: Any
+    used: Any
+    ok: Any
+
+
+def _advance(
+    leaves: Any,
+    static: Any,
+    layout: Layout,
+    states: dict[str, Array],
+    samples: Numbers,
+    dt: Numbers,
+) -> tuple[dict[str, Array], _Rows]:
+    """A chunk of samples through a few estimators at once."""
+
+    def one(leaves: Any, state: Any) -> tuple[Any, _Rows]:
+        estimator = eqx.combine(leaves, static)
+
+        def body(packed: Any, row: Any) -> tuple[Any, _Rows]:
+            values, step = row
+            sample = {c: values[i] for i, c in enumerate(estimator.channels)}
+            new, info = estimator.step(layout.unpack(packed), sample, step)
+            used = jnp.isfinite(info.innovation) & (info.gate != Gate.REJECTED)
+            ok = info.ok & jnp.isfinite(info.log_likelihood)
+            return layout.pack(new), _Rows(info.log_likelihood, info.innovation, info.S, used, ok)
+
+        return jax.lax.scan(body, state, (samples, dt))
+
+    return jax.vmap(one)(leaves, states)
+
+
+# the threading library for products may wait for ever when two programs run at once
+_compiled = jit_loop(_advance, {"xla_cpu_experimental_ynn_fusion_type": ""})
+
+
+@jax.jit
+def _beyond(rows: _Rows) -> Float[Array, "b k"]:
+    """What the log-likelihoods hold beyond the Gaussian innovations in ``Info``."""
+    both = rows.used[..., :, None] & rows.used[..., None, :]
+    L = jnp.linalg.cholesky(jnp.where(both, rows.S, jnp.eye(rows.S.shape[-1])))
+    white = _whitened(L, jnp.where(rows.used, rows.innovation, 0.0)[..., None])[..., 0]
+    log_det = 2 * jnp.sum(jnp.log(jnp.diagonal(L, axis1=-2, axis2=-1)), axis=-1)
+    squares = jnp.sum(white**2, axis=-1)
+    gaussian = -0.5 * (squares + log_det + LOG_2PI * jnp.sum(rows.used, axis=-1))
+    return jnp.asarray(rows.log_likelihood - gaussian)
+
+
+def _whitened(L: Array, x: Array) -> Array:
+    return jnp.asarray(jax.scipy.linalg.solve_triangular(L, x, lower=True))
+
+
+class _Judges(NamedTuple):
+    """What judges which parameter.
+
+    Attributes:
+        noise: (p,) the whole likelihood: noise levels.
+        rest: (p,) what it holds beyond the innovations, as well as them.
+        sensors: (m,) those whose innovations judge figures of the car.
+    """
+
+    noise: Any
+    rest: Any
+    sensors: Any
+
+
+class _Scores(NamedTuple):
+    """What a chunk says.
+
+    Attributes:
+        scores: (p, k).
+        rest: (p, k) the part of a figure's that comes from beyond the Gaussian innovations.
+        information: (p, p) of the Gaussian innovations.
+    """
+
+    scores: Any
+    rest: Any
+    information: Any
+
+
+@jax.jit
+def _scores(rows: _Rows, step: float, judges: _Judges) -> _Scores:
+    """Scores of the samples and the information in them, by differences to the first row.
+
+    A figure of the car is judged by the innovations with S held, −dνᵀ S⁻¹ ν, and its information is
+    Σ dνᵀ S⁻¹ dν (quasi-likelihood, Wedderburn 1974, Biometrika 61, 439–447): the score's mean is zero at the
+    true figure whether S is right or not. With the whole score, a figure that S hangs on as well would stand
+    in for noise levels that are off: a greater mass makes a torque's noise smaller, a smaller wheel radius a
+    wheel speed's. Noise levels have their whole score, and its outer product for information (Berndt, Hall,
+    Hall & Hausman 1974, Ann. Econ. Soc. Meas. 3, 653–665).
+
+    Refused samples have no say in figures, and count in noise levels as lying on the gate (Talwar's function;
+    Huber & Ronchetti, *Robust Statistics*, ch. 4): were they left out, refusing would pay.
+    """
+    same = jnp.all(rows.used == rows.used[:1], axis=(0, 2))  # no sample is refused by some only
+    used, noisy = rows.used[0], judges.noise[:, None]
+    seen = used & judges.sensors
+    S = jnp.where(seen[:, :, None] & seen[:, None, :], rows.S[0], jnp.eye(rows.S.shape[-1]))
+    innovation = jnp.where(seen, rows.innovation, 0.0)
+    L = jnp.linalg.cholesky(S)
+    white = _whitened(L, innovation[0][..., None])[..., 0]
+    shift = jnp.where(same[:, None], (innovation[1:] - innovation[:1]) / step, 0.0)
+    shift = _whitened(L, jnp.moveaxis(shift, 0, -1))  # (k, m, p)
+    beyond = _beyond(rows)
+    rest = jnp.where(same & judges.rest[:, None], (beyond[1:] - beyond[:1]) / step, 0.0)
+    held = rest - jnp.einsum("kip,ki->pk", shift, white)
+    variance = jnp.diagonal(rows.S, axis1=-2, axis2=-1)
+    refused = jnp.isfinite(rows.innovation[0]) & ~used & (variance[0] > 0)
+    edge = jnp.sum(jnp.where(refused, _OUTLIER + jnp.log(jnp.where(refused, variance, 1.0)), 0.0), axis=-1)
+    whole = rows.log_likelihood - 0.5 * edge
+    levels = jnp.where(same & noisy, (whole[1:] - whole[:1]) / step, 0.0)
+    information = jnp.einsum("kip,kiq->pq", shift, shift)
+    information = jnp.where(noisy | noisy.T, 0.0, information) + levels @ levels.T
+    return _Scores(jnp.where(noisy, levels, held), rest, information)
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """The likelihood at one choice of the parameters.
+
+    Attributes:
+        scores: of each log (p, T), by each sample; their sums are to vanish.
+        information: (p, p) how these sums fall with the parameters.
+        curvature: (p, p) the part of it from beyond the Gaussian innovations.
+    """
+
+    scores: tuple[Numbers, ...]
+    information: Numbers
+    curvature: Numbers
+
+    @property
+    def gradient(self) -> Numbers:
+        """(p,) sum of the scores."""
+        return np.asarray(sum(s.sum(axis=1) for s in self.scores))
+
+
+class _Prepared(NamedTuple):
+    name: str
+    log: Log
+    samples: Numbers
+    dt: Numbers
+    channels: frozenset[str]
+    judges: _Judges
+
+
+class Likelihood:
+    """The log-likelihood of logs as a function of a car's figures.
+
+    Args:
+        vehicle: the car as its file has it.
+        parameters: p of its figures.
+        logs: name → log; each is a run of the filter of its own.
+        estimator: its name.
+
+    Raises:
+        InputError: the estimator cannot be built for the car or for a log's channels.
+    """
+
+    def __init__(
+        self, vehicle: Vehicle, parameters: Sequence[Parameter], logs: Mapping[str, Log], estimator: str
+    ) -> None:
+        self.vehicle, self.estimator = vehicle, estimator
+        self.parameters = tuple(parameters)
+        # so the error of a one-sided difference is half of this share of a prior standard deviation
+        self._step = float(np.finfo(jnp.result_type(float)).eps) ** 0.25
+        self._prepared: list[_Prepared] = []
+        for name, log in logs.items():
+            channels = frozenset(log.available)
+            try:
+                built = build(estimator, vehicle, channels)
+            except InputError as error:
+                raise InputError(error.what, where=error.where or name, mend=error.mend) from error
+            judges = self._judges(built.sensors)
+            self._prepared.append(_Prepared(name, log, *inputs(built, log), channels, judges))
+
+    @property
+    def times(self) -> tuple[Numbers, ...]:
+        """(T,) of each log, s."""
+        return tuple(p.log.time for p in self._prepared)
+
+    def unused(self) -> dict[str, str]:
+        """Parameters that cannot be moved in this estimator, with the channels there are, and why."""
+        moving, fixed = np.zeros((2, len(self.parameters)), bool)
+        for channels in {p.channels for p in self._prepared}:
+            first = build(self.estimator, self.vehicle, channels)
+            others = [
+                build(self.estimator, moved(self.vehicle, [p], np.full(1, self._step)), channels)
+                for p in self.parameters
+            ]
+            leaves, static = eqx.partition(first, eqx.is_inexact_array)
+            for i, other in enumerate(others):
+                other_leaves, other_static = eqx.partition(other, eqx.is_inexact_array)
+                if not eqx.tree_equal(static, other_static):
+                    fixed[i] = True
+                elif not eqx.tree_equal(leaves, other_leaves):
+                    moving[i] = True
+        reasons = {}
+        for parameter, is_fixed, moves in zip(self.parameters, fixed, moving, strict=True):
+            if is_fixed:
+                reasons[parameter.name] = f"is fixed once '{self.estimator}' is built"
+            elif not moves:
+                reasons[parameter.name] = f"'{self.estimator}' does not use it"
+        return reasons
+
+    def __call__(self, free: Numbers, active: Mask, curvature: Numbers | None = None) -> Evaluation:
+        """Run the filter over all logs.
+
+        Args:
+            free: (p,) changes in prior standard deviations.
+            active: (p,) which are being learned: of those, the filter itself leaves nothing open.
+            curvature: (p, p) of :class:`Evaluation`, where it is known well enough.
+
+        Raises:
+            InputError: the filter fails; says in which log and when.
+        """
+        scores, has_rest = [], False
+        information = np.zeros((len(free), len(free)))
+        moves = np.concatenate([np.zeros((1, len(free))), self._step * np.eye(len(free))])
+        for prepared in self._prepared:
+            parts = []
+            for count, rows in self._run(prepared, free + moves, active):
+                part = _scores(rows, self._step, prepared.judges)
+                parts.append(np.asarray(part.scores)[:, :count])
+                information += np.asarray(part.information)
+                has_rest |= bool(np.abs(part.rest).max(initial=0.0) > _ROUNDING)
+            scores.append(np.concatenate(parts, axis=1))
+        if curvature is None:
+            curvature = self._curvature(free, active) if has_rest else np.zeros_like(information)
+        return Evaluation(tuple(scores), information + curvature, curvature)
+
+    def _judges(self, sensors: Sequence[str]) -> _Judges:
+        """Who judges whom.
+
+        Where the balance of forces along the road is a sensor of its own, it alone judges what makes it up:
+        in wheel speeds, and in what tires tell, these forces show by the slip they make, whose errors last
+        too long to weigh a car by. Wheel speeds then judge nothing but the wheels' radius.
+        """
+        noise = np.array([p.is_noise for p in self.parameters], bool)
+        if "traction" not in sensors:
+            return _Judges(noise, ~noise, np.ones(len(sensors), bool))
+        balance = np.array([p.path[0] in _BALANCE for p in self.parameters], bool)
+        has_radius = any(p.path == ("wheels", "radius") for p in self.parameters)
+        counts = np.array([has_radius or not s.startswith("wheel_speed") for s in sensors])
+        return _Judges(noise, ~noise & ~balance, counts)
+
+    def _curvature(self, free: Numbers, active: Mask) -> Numbers:
+        """(p, p) how fast the gradient of what is beyond the Gaussian innovations falls, in no direction < 0.
+
+        By second differences over a good part of a prior standard deviation, since the samples that a filter
+        refuses make steps in it.
+        """
+        on = np.flatnonzero(np.any([prepared.judges.rest for prepared in self._prepared], axis=0))
+        unit = _SPAN * np.eye(len(free))
+        pairs = [(i, j) for k, i in enumerate(on) for j in on[:k]]
+        moves = [0 * free, *unit[on], *-unit[on], *(unit[i] + unit[j] for i, j in pairs)]
+        total = np.zeros(len(moves))
+        for prepared in self._prepared:
+            for count, rows in self._run(prepared, free + np.array(moves), active):
+                total += np.asarray(_beyond(rows))[:, :count].sum(axis=1)
+        n = len(on)
+        ahead = dict(zip(on, total[1 : n + 1] - total[0], strict=True))
+        behind = dict(zip(on, total[n + 1 : 2 * n + 1] - total[0], strict=True))
+        found = np.zeros((len(free), len(free)))
+        for i in on:
+            found[i, i] = -(ahead[i] + behind[i])
+        for (i, j), value in zip(pairs, total[2 * n + 1 :] - total[0], strict=True):
+            found[i, j] = found[j, i] = -(value - ahead[i] - ahead[j])
+        values, vectors = np.linalg.eigh(found / _SPAN**2)
+        result: Numbers = (vectors * np.maximum(values, 0.0)) @ vectors.T
+        return result
+
+    def _run(self, prepared: _Prepared, free: Numbers, active: Mask) -> Iterator[tuple[int, _Rows]]:
+        """Chunk after chunk, how many samples it has, and the rows of the car at ``free`` (b, p)."""
+        car = with_certainty(self.vehicle, self.parameters, active)
+        built = [build(self.estimator, moved(car, self.parameters, f), prepared.channels) for f in free]
+        filled = built + [built[-1]] * (-len(built) % _TOGETHER)
+        groups = [filled[i : i + _TOGETHER] for i in range(0, len(filled), _TOGETHER)]
+        static = eqx.partition(built[0], eqx.is_inexact_array)[1]
+        leaves = [_stack([eqx.filter(e, eqx.is_inexact_array) for e in group]) for group in groups]
+        states = [_stack([start(e)[0] for e in group]) for group in groups]
+        layout = start(built[0])[1]
+        with ThreadPoolExecutor(min(len(groups), os.cpu_count() or 1)) as pool:
+            for begin in range(0, len(prepared.log), _CHUNK):
+                values, dt = cut(prepared.samples, prepared.dt, begin, _CHUNK)
+
+                def advance(own: Any, state: Any, values: Numbers = values, dt: Numbers = dt) -> Any:
+                    states, rows = _compiled(own, static, layout, state, values, dt)
+                    return states, jax.tree.map(np.asarray, rows)
+
+                done = list(pool.map(advance, leaves, states))
+                states = [state for state, _ in done]
+                rows = jax.tree.map(
+                    lambda *each: np.concatenate(each)[: len(built)], *[rows for _, rows in done]
+                )
+                count = min(_CHUNK, len(prepared.log) - begin)
+                self._check(prepared, begin, np.all(rows.ok, axis=0)[:count])
+                yield count, rows
+
+    def _check(self, prepared: _Prepared, begin: int, ok: NDArray[np.bool_]) -> None:
+        if not ok.all():
+            at = prepared.log.time[begin + int(np.argmin(ok))]
+            raise InputError(
+                f"the filter of '{self.estimator}' fails at t={at:.2f} s",
+                where=prepared.name,
+                mend="look at the channels there, or leave that part out",
+            )
+
+
+def _stack(trees: Sequence[Any]) -> Any:
+    return jax.tree.map(lambda *leaves: np.stack(leaves), *trees)

@@ -1,0 +1,92 @@
+"""``roadstate calibrate``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cli_case import Run, assert_refusal
+
+from roadstate.core import Log
+from roadstate.io import write
+from roadstate.vehicles import load_vehicle
+
+NOISE = 0.4
+
+
+@pytest.fixture(scope="module")
+def noisy(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A minute of driving with a speed signal of known noise."""
+    random = np.random.default_rng(5)
+    time = np.arange(0.0, 60.0, 0.05)
+    speed = 20 + 5 * np.sin(0.3 * time) + NOISE * random.normal(size=len(time))
+    accel = 1.5 * np.cos(0.3 * time) + 0.13 * random.normal(size=len(time))
+    return write(
+        Log(time, {"speed": speed, "accel_x": accel}), tmp_path_factory.mktemp("noisy") / "noisy.csv"
+    )
+
+
+def test_writes_a_vehicle_file(run: Run, noisy: Path, tmp_path: Path) -> None:
+    out = tmp_path / "new.yaml"
+    end = run("calibrate", noisy, "-v", "family-car", "--tune", "-e", "kmbe", "-o", out, "--json")
+    assert (end.status, end.err) == (0, "")
+    learned = end.json["learned"]["sensors.speed.noise"]
+    assert learned["value"] == pytest.approx(NOISE, rel=0.15)
+    assert learned["unit"] == "m/s"
+    assert end.json["file"] == str(out)
+    assert end.json["logs"] == {"noisy": {"samples": 1200}}
+    new = load_vehicle(out)
+    assert new.sensors.speed.noise == pytest.approx(learned["value"], rel=0.01)
+    assert new.mass == load_vehicle("family-car").mass
+    assert "noisy" in new.source
+
+
+def test_table(run: Run, noisy: Path) -> None:
+    end = run("calibrate", noisy, "-v", "family-car", "-l", "friction", "--tune", "-e", "kmbe")
+    assert (end.status, end.err) == (0, "")
+    assert "sensors.speed.noise" in end.out
+    assert "tires.friction: 'kmbe' does not use it" in end.out
+    assert "say '--out NEW.yaml'" in end.out
+    assert max(len(line) for line in end.out.splitlines()) <= 80
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("-l", "mas"), "--learn: no group of parameters is called 'mas'; did you mean 'mass'"),
+        ((), "nothing to learn; say --learn with any of mass,tire"),
+        (("-l", "mass", "-e", "kmb"), "no estimator is called 'kmb'"),
+        (("-l", "mass", "-e", "kmbe"), "nothing can be learned (mass "),
+        (("-l", "mass", "-e", "tfobe"), "'tfobe' needs"),
+    ],
+)
+def test_refusals_are_one_line_and_leave_the_file(
+    run: Run, noisy: Path, tmp_path: Path, words: tuple[str, ...], says: str
+) -> None:
+    out = tmp_path / "new.yaml"
+    out.write_text("mine")
+    end = run("calibrate", noisy, "-v", "family-car", "-o", out, *words)
+    assert_refusal(end)
+    assert says in end.err
+    assert out.read_text() == "mine"
+    assert [path.name for path in tmp_path.iterdir()] == ["new.yaml"]
+
+
+def test_short_log(run: Run, drive_csv: Path) -> None:
+    end = run("calibrate", drive_csv, "-v", "family-car", "-l", "mass")
+    assert_refusal(end)
+    assert end.err.startswith("drive: 9.99 s are too short to learn from")
+
+
+def test_no_such_folder(run: Run, noisy: Path, tmp_path: Path) -> None:
+    end = run("calibrate", noisy, "-v", "suv", "-l", "mass", "-o", tmp_path / "nowhere" / "new.yaml")
+    assert_refusal(end)
+    assert "choose another folder" in end.err
+
+
+def test_help_fits(run: Run) -> None:
+    end = run("calibrate", "--help")
+    assert end.status == 0
+    assert max(len(line) for line in end.out.splitlines()) <= 80
+    assert "mass, tire" in " ".join(end.out.split())
