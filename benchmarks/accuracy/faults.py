@@ -1,0 +1,223 @@
+"""What a fault of one sensor does to an estimator: whether it survives, and whether it says so."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from benchmarks.accuracy.scenarios import SCENARIOS, driven
+from numpy.typing import NDArray
+
+from roadstate.core import Estimates, InputError, Log, Validity, reference
+from roadstate.estimators import Estimator, build
+from roadstate.metrics import presented
+from roadstate.papers.base import MISMATCHED
+from roadstate.papers.plants import told
+from roadstate.run import batch
+from roadstate.sim.run import record
+from roadstate.sim.sensors import KINDS, Fault, inject, sensor_preset, to_log
+from roadstate.vehicles import load_vehicle
+
+Array = NDArray[np.float64]
+
+DRIVE = "curve-variable-speed"
+_FROM, _TO = 44.0, 84.9  # s of the drive: braking, a stop, speeding up into the bends
+_START, _LASTS = 63.0, 8.0  # s
+_RECOVERS = 2.0  # s after the fault that do not count
+_SOON = 1.0  # s within which a fault should be flagged
+_LARGEST = 5.0  # % of slope
+_VALID = 0.95  # share of samples in which a lower bound lies below the truth
+_SAYS_SO = (Validity.SENSOR_MISSING, Validity.DIVERGED, Validity.SENSOR_FAULT)
+_SPIKES = 2.0  # per second
+_JUMP = 0.5  # s
+# pattern of channels → size of a spike, and of a drift per second, in the channel's unit
+SENSORS: dict[str, tuple[float, float]] = {
+    "accel_x": (10.0, 0.3),
+    "accel_y": (10.0, 0.3),
+    "accel_z": (10.0, 0.3),
+    "roll_rate": (0.5, 0.03),
+    "pitch_rate": (0.5, 0.03),
+    "yaw_rate": (0.5, 0.03),
+    "wheel_speed_fl": (20.0, 1.0),
+    "wheel_speed_rr": (20.0, 1.0),
+    "wheel_speed_*": (20.0, 1.0),
+    "steering_wheel": (1.0, 0.1),
+    "drive_torque_*": (1000.0, 50.0),
+    "brake_torque_*": (1000.0, 50.0),
+    "speed": (10.0, 0.5),
+    "altitude": (50.0, 2.0),
+    "vertical_speed": (5.0, 0.2),
+}
+"""The sensors that fail in turn; a pattern fails as a whole."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One fault of one sensor.
+
+    Attributes:
+        sensor: of :data:`SENSORS`.
+        kind: of :data:`roadstate.sim.sensors.KINDS`.
+        log: with the fault.
+        onset: s, when the log first differs from the clean one.
+    """
+
+    sensor: str
+    kind: str
+    log: Log
+    onset: float
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of an estimator.
+
+    Attributes:
+        estimator, sensor, kind: which.
+        survived: finite throughout, and sound after the fault.
+        why: what was not, else empty.
+        flagged_s: s from the onset until validity says that a sensor is missing or at fault, or the filter
+            has failed; 1 where only the gate refused more samples within 1 s; ``None`` where neither.
+    """
+
+    estimator: str
+    sensor: str
+    kind: str
+    survived: bool
+    why: str
+    flagged_s: float | None
+
+
+def cases(vehicle: str, seed: int = 0) -> tuple[Log, list[Case]]:
+    """The clean log of the drive, and each fault that changes it.
+
+    Args:
+        vehicle: preset to drive.
+        seed: of the sensors.
+    """
+    car = load_vehicle(vehicle)
+    recording = record(driven(car, SCENARIOS[DRIVE]), sensor_preset("automotive"), seed=seed)
+    clean = to_log(recording).between(_FROM, _TO)
+    found = []
+    for sensor, (spike, drift) in SENSORS.items():
+        for kind in KINDS:
+            size = {"spike": spike, "drift": drift, "time_jump": _JUMP}.get(kind, 1.0)
+            fault = Fault(kind, sensor, _START, _LASTS, size, _SPIKES)
+            whole = to_log(inject(recording, [fault], seed))
+            log = whole.select(clean.channels).between(_FROM, _TO)
+            onset = first_difference(clean, log)
+            if onset is not None and len(log) == len(clean):
+                found.append(Case(sensor, kind, log, onset))
+    return clean, found
+
+
+def first_difference(clean: Log, other: Log) -> float | None:
+    """s at which a measured channel first differs; ``None`` where none does."""
+    differs = np.zeros(len(clean), bool)
+    for name, values in clean.channels.items():
+        if not name.startswith("ref_"):
+            differs |= ~((values == other[name]) | (np.isnan(values) & np.isnan(other[name])))
+    return float(clean.time[int(np.argmax(differs))]) if differs.any() else None
+
+
+def study(
+    vehicle: str, estimators: Sequence[str], tell: Callable[[str], None] = lambda what: None
+) -> list[Outcome]:
+    """Every fault on every estimator that reads the sensor.
+
+    Args:
+        vehicle: preset to drive.
+        estimators: names.
+        tell: called with what is being done.
+    """
+    tell("faults: driving")
+    clean, every = cases(vehicle)
+    car = told(load_vehicle(vehicle), MISMATCHED, 0)
+    found = []
+    for name in estimators:
+        tell(f"faults: {name}")
+        try:
+            estimator = build(name, car, clean.available)
+        except InputError:
+            continue
+        found += _of_one(estimator, clean, [c for c in every if _reads(estimator, c.sensor)])
+    return found
+
+
+def _reads(estimator: Estimator[Any], sensor: str) -> bool:
+    return any(channel.startswith(sensor.rstrip("*")) for channel in estimator.channels)
+
+
+def _of_one(estimator: Estimator[Any], clean: Log, some: Sequence[Case]) -> list[Outcome]:
+    whole = batch(estimator, [clean, *(case.log for case in some)])
+    # who was refused within a second is seen from logs that end then, each beside the clean one cut alike
+    ends = [case.onset + _SOON for case in some]
+    cut = [case.log.between(_FROM, end) for case, end in zip(some, ends, strict=True)]
+    refused = [_refused(e) for e in batch(estimator, cut)]
+    stops = dict.fromkeys(ends)
+    usual = batch(estimator, [clean.between(_FROM, end) for end in stops])
+    at_best = dict(zip(stops, map(_refused, usual), strict=True))
+    outcomes = []
+    for case, estimates, count, end in zip(some, whole[1:], refused, ends, strict=True):
+        why = trouble(estimates, whole[0], case.log)
+        flagged = flag_time(estimates, whole[0], case.onset)
+        if (flagged is None or flagged > _SOON) and count > at_best[end]:
+            flagged = _SOON
+        outcomes.append(Outcome(estimator.name, case.sensor, case.kind, not why, why, flagged))
+    return outcomes
+
+
+def _refused(estimates: Estimates) -> int:
+    return sum(estimates.metadata["rejected"].values())
+
+
+def trouble(estimates: Estimates, usual: Estimates, log: Log) -> str:
+    """What is wrong with estimates after a fault; empty where nothing is.
+
+    Args:
+        estimates: with the fault.
+        usual: of the same drive without.
+        log: with the truth.
+    """
+    if not all(np.isfinite(values).all() for values in estimates.values.values()):
+        return "nan"
+    after = log.time >= _START + _LASTS + _RECOVERS
+    truth = reference("grade", log.channels)
+    if "grade" in estimates.values and truth is not None:
+        error = presented("grade", estimates.values["grade"]) - presented("grade", truth)
+        if np.abs(error[after]).max() > _LARGEST:
+            return "grade"
+    peak = reference("friction_peak", log.channels)
+    if "friction_peak_lower" in estimates.values and peak is not None:
+        valid, before = (
+            float(np.mean((e.values["friction_peak_lower"] <= peak)[after])) for e in (estimates, usual)
+        )
+        if valid < min(_VALID, before - 0.05):
+            return "friction"
+    return ""
+
+
+def flag_time(estimates: Estimates, usual: Estimates, onset: float) -> float | None:
+    """s from the onset until validity tells of a fault where it does not without; ``None`` where never."""
+    says, said = (np.isin(e.validity, [int(v) for v in _SAYS_SO]) for e in (estimates, usual))
+    flagged = says & ~said & (estimates.time >= onset)
+    return float(estimates.time[int(np.argmax(flagged))] - onset) if flagged.any() else None
+
+
+def words(outcome: Outcome | None) -> str:
+    """A cell: ``ok`` or what is wrong, and when it was flagged."""
+    if outcome is None:
+        return ""
+    flagged = outcome.flagged_s
+    state = "ok" if outcome.survived else outcome.why.upper()
+    if flagged is None:
+        return state
+    return (
+        f"{state} {flagged:.1f} s"
+        if flagged < _SOON
+        else f"{state} ≤ 1 s"
+        if flagged == _SOON
+        else f"{state} late"
+    )

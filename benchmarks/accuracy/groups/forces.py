@@ -1,0 +1,42 @@
+"""Axle forces on a double lane change near the limit."""
+
+from __future__ import annotations
+
+from benchmarks.accuracy.groups.base import SATELLITE, Group, PerSeed, Runs
+from benchmarks.accuracy.measures import rmse_of_peak
+from benchmarks.accuracy.score import Goal, Score
+
+DRIVE = "double-lane-change-85-0.8"
+_GOALS = {
+    "force_y_front": Goal.at_most(4),
+    "force_y_rear": Goal.at_most(4),
+    "force_x_front": Goal.at_most(5),
+    "force_x_rear": Goal.at_most(5),
+}
+
+
+class Forces(Group):
+    """RMSE over the peak of the true force."""
+
+    name = "forces"
+    title = "Axle forces, double lane change at 85 km/h on 0.8: RMSE in per cent of the true force's peak"
+    drives = ((DRIVE, SATELLITE),)
+    quantities = frozenset(_GOALS)
+
+    def __init__(self) -> None:
+        self._figures = PerSeed(self.name)
+
+    def add(self, runs: Runs) -> None:
+        """One figure per seed and force."""
+        if runs.drive != DRIVE:
+            return
+        for quantity, goal in _GOALS.items():
+            if quantity in runs.estimates[0].values:
+                pairs = zip(runs.estimates, runs.logs, strict=True)
+                self._figures.add(
+                    quantity, "%", goal, runs, [rmse_of_peak(e, log, quantity) for e, log in pairs]
+                )
+
+    def scores(self) -> list[Score]:
+        """A row for each force."""
+        return self._figures.scores()

@@ -1,0 +1,215 @@
+"""Driving, recording and estimating what the groups of figures need: two conditions in memory at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import jax
+from benchmarks.accuracy.groups import GROUPS
+from benchmarks.accuracy.groups.base import BUS, SATELLITE, SMOOTHED, Group, Runs
+from benchmarks.accuracy.groups.friction import Friction
+from benchmarks.accuracy.scenarios import SATELLITE as RECEIVED
+from benchmarks.accuracy.scenarios import few, logs
+from benchmarks.accuracy.score import Score
+
+from roadstate.core import Estimates, InputError, Log
+from roadstate.estimators import Estimator, build
+from roadstate.run import batch
+from roadstate.vehicles import Vehicle, load_vehicle
+
+Smooth = Callable[[Estimator[Any], Log], Estimates]
+"""An estimator's smoothed estimates of a whole log."""
+Progress = Callable[[str, int, int], None]
+"""Called with what is being done, how many drives are done, and how many there are."""
+
+
+@dataclass(frozen=True)
+class Results:
+    """What came out.
+
+    Attributes:
+        scores: of all groups.
+        notes: what was left out, and why.
+    """
+
+    scores: list[Score]
+    notes: list[str]
+
+
+@dataclass
+class _Plan:
+    """What is needed of one drive: variant → groups that asked for it."""
+
+    drive: str
+    variants: dict[str, list[Group]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class _Condition:
+    """One drive's logs, and what has been made of them.
+
+    Attributes:
+        vehicle: that was driven.
+        drive: name of the scenario.
+        recorded: logs, each with the vehicle file told.
+        counts: estimator → how many of the logs it gets.
+        made: (estimator, the channels it reads) → estimates: one that reads no receiver's runs only once.
+    """
+
+    vehicle: Vehicle
+    drive: str
+    recorded: Sequence[tuple[Log, Vehicle]]
+    counts: Mapping[str, int]
+    made: dict[tuple[str, tuple[str, ...]], list[Estimates]]
+
+
+def run(
+    vehicles: Sequence[str],
+    estimators: Sequence[str],
+    seeds: int,
+    *,
+    subject: str | None = None,
+    only: Sequence[str] = (),
+    drives: Sequence[str] = (),
+    by_drive: bool = False,
+    cache: Path | None = None,
+    smooth: Smooth | None = None,
+    progress: Progress | None = None,
+) -> Results:
+    """Measure groups of figures.
+
+    Args:
+        vehicles: presets to drive.
+        estimators: names.
+        seeds: recordings of each drive.
+        subject: the estimator that is judged; others get :func:`few` of the seeds. Without one, all get all.
+        only: groups; all without any.
+        drives: on these drives alone; on all the groups' without any.
+        by_drive: whether friction is also shown for each drive by itself.
+        cache: folder for logs, see :func:`benchmarks.accuracy.scenarios.logs`.
+        smooth: also estimates grade with it, where given.
+        progress: told of each drive.
+
+    Raises:
+        InputError: a drive or an estimator that there is not.
+    """
+    active = [kind() for name, kind in GROUPS.items() if not only or name in only]
+    for group in active:
+        if isinstance(group, Friction):
+            group.by_drive = by_drive
+    plans = _plans(active, drives)
+    takers = [group for group in active if not group.drives]
+    notes: dict[str, None] = {}
+    conditions = [(vehicle, plan) for vehicle in vehicles for plan in plans]
+    total = len(conditions)
+    work = _driven_ahead([(vehicle, plan.drive, seeds, cache) for vehicle, plan in conditions])
+    for i, ((vehicle, plan), recorded) in enumerate(zip(conditions, work, strict=True)):
+        tell = _teller(progress, f"{vehicle}: {plan.drive}", i, total)
+        if isinstance(recorded, InputError):
+            notes[str(recorded)] = None
+            continue
+        counts = {name: few(seeds) if subject not in (None, name) else seeds for name in estimators}
+        condition = _Condition(load_vehicle(vehicle), plan.drive, recorded, counts, {})
+        for variant, askers in plan.variants.items():
+            notes |= dict.fromkeys(_estimate(condition, variant, askers, takers, smooth, tell))
+    if progress is not None:
+        progress("done", total, total)
+    return Results([score for group in active for score in group.scores()], list(notes))
+
+
+def _driven_ahead(
+    wanted: Sequence[tuple[str, str, int, Path | None]],
+) -> Iterator[list[tuple[Log, Vehicle]] | InputError]:
+    """The logs of one condition after another; each is driven while the one before it is worked on."""
+
+    def made(arguments: tuple[str, str, int, Path | None]) -> list[tuple[Log, Vehicle]] | InputError:
+        try:
+            return logs(*arguments)
+        except InputError as error:
+            return error
+
+    with ThreadPoolExecutor(1) as driver:
+        ahead = driver.submit(made, wanted[0])
+        for following in (*wanted[1:], None):
+            ready = ahead.result()
+            if following is not None:
+                ahead = driver.submit(made, following)
+            yield ready
+
+
+def _plans(active: Sequence[Group], drives: Sequence[str]) -> list[_Plan]:
+    """The drives that are needed, each once; where only takers are chosen, those of all groups."""
+    askers = [group for group in active if group.drives] or [
+        kind() for kind in GROUPS.values() if kind.drives
+    ]
+    plans: dict[str, _Plan] = {}
+    for group in askers:
+        for drive, variant in group.drives:
+            if not drives or drive in drives:
+                plans.setdefault(drive, _Plan(drive)).variants.setdefault(variant, []).append(group)
+    if not plans:
+        raise InputError("nothing is measured there", mend="choose other groups or drives")
+    return list(plans.values())
+
+
+def _teller(progress: Progress | None, title: str, done: int, total: int) -> Callable[[str], None]:
+    def tell(what: str) -> None:
+        if progress is not None:
+            progress(f"{title}: {what}", done, total)
+
+    return tell
+
+
+def _estimate(
+    condition: _Condition,
+    variant: str,
+    askers: Sequence[Group],
+    takers: Sequence[Group],
+    smooth: Smooth | None,
+    tell: Callable[[str], None],
+) -> list[str]:
+    """Run each estimator over so many of one drive's logs, and hand out what it gives."""
+    vehicle, drive = condition.vehicle, condition.drive
+    notes = []
+    for name, count in condition.counts.items():
+        cars = [car for _, car in condition.recorded[:count]]
+        cut = [
+            log if variant == SATELLITE else without(log, RECEIVED) for log, _ in condition.recorded[:count]
+        ]
+        try:
+            built = [build(name, car, cut[0].available) for car in cars]
+        except InputError as error:
+            notes.append(f"{vehicle.name}, {variant}: {error}")
+            continue
+        gives = quantities(built[0])
+        asking = [group for group in askers if not group.quantities or group.quantities & gives]
+        if not asking:
+            continue
+        tell(name)
+        key = name, tuple(built[0].channels)
+        if key not in condition.made:
+            condition.made[key] = batch(built, cut)
+        runs = Runs(vehicle, drive, variant, name, cut, cars, condition.made[key])
+        for group in (*asking, *takers):
+            group.add(runs)
+        if smooth is not None and variant == SATELLITE and "grade" in gives:
+            tell(f"{name}, smoothed")
+            smoothed = [smooth(estimator, log) for estimator, log in zip(built, cut, strict=True)]
+            for group in (g for g in asking if (drive, BUS) in g.drives):
+                group.add(Runs(vehicle, drive, SMOOTHED, name, cut, cars, smoothed))
+    return notes
+
+
+def without(log: Log, channels: Collection[str]) -> Log:
+    """The log without some channels."""
+    return log.select(set(log.channels) - set(channels))
+
+
+def quantities(estimator: Estimator[Any]) -> frozenset[str]:
+    """What an estimator gives, found without running it."""
+    said = jax.eval_shape(lambda: estimator.estimate(estimator.init()))
+    return frozenset(said.values)

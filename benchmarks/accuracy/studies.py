@@ -1,0 +1,68 @@
+"""The studies of faults and of speed as sections of the page, and in plain types."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+from benchmarks.accuracy.faults import SENSORS, Outcome, words
+from benchmarks.accuracy.speed import LOGS, Speed
+from benchmarks.accuracy.table import fitted, number
+
+from roadstate.sim.sensors import KINDS
+
+_FAULTS = """## Faults of single sensors: curve-variable-speed, 8 s from 63 s on (a `time_jump`, 0.5 s, stays)
+
+Survived: finite throughout, and from 2 s after the fault on grade within 5 % of slope and the lower bound of
+friction below the truth in 95 % of the samples. Flagged: `validity` says that a sensor is missing or at
+fault, or that the filter failed, or the gate refuses more samples than without the fault, within 1 s of the
+first sample that differs. Goal: all, both."""
+
+
+def faults_section(outcomes: Sequence[Outcome], vehicle: str, subject: str) -> str:
+    """How many faults each estimator survives and flags, and the matrix of the one that is judged.
+
+    Args:
+        outcomes: of all estimators.
+        vehicle: that was driven.
+        subject: whose matrix is shown; that of the first estimator where it is not among them.
+    """
+    names = list(dict.fromkeys(o.estimator for o in outcomes))
+    rows = []
+    for name in sorted(names, key=lambda n: (n != subject, n)):
+        own = [o for o in outcomes if o.estimator == name]
+        lost = [f"{o.sensor} {o.kind}" for o in own if not o.survived]
+        flagged = sum(o.flagged_s is not None and o.flagged_s <= 1.0 for o in own)
+        verdict = "met" if flagged == len(own) and not lost else "missed"
+        rows.append([name, str(len(own)), f"{len(own) - len(lost)}", str(flagged), verdict])
+    counts = fitted(["estimator", "faults", "survived", "flagged within 1 s", "verdict"], rows)
+    shown = subject if subject in names else names[0]
+    by_place = {(o.sensor, o.kind): o for o in outcomes if o.estimator == shown}
+    read = [sensor for sensor in SENSORS if any((sensor, kind) in by_place for kind in KINDS)]
+    cells = [[f"`{sensor}`", *(words(by_place.get((sensor, kind))) for kind in KINDS)] for sensor in read]
+    legend = (
+        f"`{shown}` on `{vehicle}`: `ok` or what is wrong after the fault (`GRADE`, `FRICTION`, `NAN`), and "
+        "when it was\nflagged (`≤ 1 s`: by the gate); empty where the fault changes nothing."
+    )
+    return "\n\n".join([_FAULTS, counts, legend, fitted(["sensor", *KINDS], cells)])
+
+
+def speed_section(speeds: Sequence[Speed], vehicle: str, subject: str) -> str:
+    """A row for each estimator."""
+    rows = [
+        [s.estimator, number(s.scan_us), number(s.real_time), number(s.batch_us)]
+        for s in sorted(speeds, key=lambda s: (s.estimator != subject, s.scan_us))
+    ]
+    head = ["estimator", "scan, µs a step", "× real time at 100 Hz", f"batch of {LOGS}, µs a step and log"]
+    title = f"## Speed: a log of 60 s (`{vehicle}`), least of three; {LOGS} logs at once on all processors"
+    return f"{title}\n\n{fitted(head, rows)}"
+
+
+def plain(found: Sequence[Outcome] | Sequence[Speed]) -> list[dict[str, Any]]:
+    """For JSON."""
+    return [
+        {k: None if isinstance(v, float) and not np.isfinite(v) else v for k, v in asdict(one).items()}
+        for one in found
+    ]
