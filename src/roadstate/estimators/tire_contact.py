@@ -76,7 +76,7 @@ class TireContact(eqx.Module):
         cosine = jnp.cos(angle)
         turn = jnp.stack([cosine, cosine, jnp.ones_like(cosine), jnp.ones_like(cosine)])
         rolling = radius * seen.value[SPIN] / (1 + slip)
-        rim = rolling * turn + self.half_track * turning
+        rim = rolling * turn + self.half_track * turning + _WHEEL_DELAY * accel
         away = jnp.abs(rim - speed - accel * dt)
         away = jnp.maximum(away - _RUNAWAY[0] - 2 * spread, 0.0)
         lasting = jnp.hypot(_SLIP_SHARE * slip * speed, _RUNAWAY[1] * away) * jnp.sqrt(_SLIP_TIME / step)
