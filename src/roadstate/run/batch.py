@@ -16,10 +16,9 @@ from roadstate.core import Estimates, InputError, Log
 from roadstate.core.numerics import jit_loop
 from roadstate.core.packing import Layout
 from roadstate.estimators.base import Estimator
-from roadstate.run.chunk import cut, inputs, scan_steps, start, to_estimates
+from roadstate.run.chunk import CHUNK, cut, inputs, scan_steps, start, to_estimates
 
 _BUDGET = 512 * 2**20
-_CHUNK = 2048  # steps taken at once: many short logs shall not wait for the padding of a long one
 _ROW = 32  # numbers that a step's row may be taken to have, for the memory budget
 
 
@@ -77,7 +76,7 @@ def batch(
     if any(kind != kinds[0] for kind in kinds):
         raise InputError("the estimators are not built alike", mend="build them for the same channels")
     workers = min(workers or os.cpu_count() or 1, len(logs))
-    per_log = _CHUNK * (len(each[0].channels) + 1 + _ROW) * 8
+    per_log = CHUNK * (len(each[0].channels) + 1 + _ROW) * 8
     size = int(max(1, min(memory // (per_log * workers), -(-len(logs) // workers))))
     order = np.argsort([-len(log) for log in logs], kind="stable")
     groups = [order[i : i + size] for i in range(0, len(order), size)]
@@ -106,8 +105,8 @@ def _run_group(estimators: list[Estimator[Any]], logs: list[Log]) -> list[Estima
     states = jax.tree.map(lambda *leaves: np.stack(leaves), *[packed for packed, _ in starts])
     each = [inputs(e, log) for e, log in zip(estimators, logs, strict=True)]
     parts: list[dict[str, NDArray[Any]]] = []
-    for begin in range(0, max(len(log) for log in logs), _CHUNK):
-        cuts = [cut(samples, dt, begin, _CHUNK) for samples, dt in each]
+    for begin in range(0, max(len(log) for log in logs), CHUNK):
+        cuts = [cut(samples, dt, begin, CHUNK) for samples, dt in each]
         samples, dt = (np.stack(column) for column in zip(*cuts, strict=True))
         states, rows, row_layout = _compiled(params, static, layout, states, samples, dt)
         parts.append({k: np.asarray(v) for k, v in rows.items()})

@@ -18,8 +18,11 @@ from roadstate.core.gaussian import Gate, Reason
 from roadstate.core.packing import Layout
 from roadstate.estimators.base import Estimate, Estimator
 
-CHUNK = 8192
-"""Samples a compiled scan takes at once: any log runs through this one program, padded at its end."""
+CHUNK = 2048
+"""Samples a compiled loop takes at once: any log runs through this one program, padded at its end.
+
+So many that starting the program costs little beside its steps, so few that a short log does not wait for padding.
+"""
 
 
 class Row(NamedTuple):
