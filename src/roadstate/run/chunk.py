@@ -21,7 +21,8 @@ from roadstate.estimators.base import Estimate, Estimator
 CHUNK = 2048
 """Samples a compiled loop takes at once: any log runs through this one program, padded at its end.
 
-So many that starting the program costs little beside its steps, so few that a short log does not wait for padding.
+So many that starting the program costs little beside its steps, so few that a short log does not wait long
+for its padding.
 """
 
 
