@@ -18,7 +18,7 @@ from benchmarks.machine import processor
 _RESULTS = Path(__file__).parent.parent / "results" / "accuracy.md"
 _SUBJECT = "joint"
 _STUDIES = ("real", "faults", "speed")
-_ALIKE = ("friction-ekf", "friction-pf")  # as good as friction-ukf, and the latter at six times the cost
+_ALIKE = ("friction-ekf", "friction-pf")  # the model of friction-ukf under another filter
 
 
 def _arguments() -> argparse.Namespace:
@@ -141,8 +141,8 @@ def _preamble(about: dict[str, Any]) -> str:
         "multibody plant with anti-lock and traction control, then recorded with every seed's own production "
         "sensors (preset `automotive`); each seed's estimator is told a vehicle file of its own, whose mass, "
         "yaw inertia, height of the centre of gravity and tire stiffnesses are off by 5 to 10 %. "
-        f"{' and '.join(f'`{name}`' for name in _ALIKE)} are run only when asked for: they are as good as "
-        "`friction-ukf`."
+        f"{' and '.join(f'`{name}`' for name in _ALIKE)} are run only when asked for: they are the model of "
+        "`friction-ukf` under another filter."
     )
     return "# Accuracy\n\n" + wrapped(text)
 
