@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from benchmarks.accuracy.built import buildable
 from benchmarks.accuracy.scenarios import SCENARIOS, driven
 from numpy.typing import NDArray
 
-from roadstate.core import Estimates, InputError, Log, Validity, reference
-from roadstate.estimators import Estimator, build
+from roadstate.core import Estimates, Log, Validity, reference
+from roadstate.estimators import Estimator
 from roadstate.metrics import presented
 from roadstate.papers.base import MISMATCHED
 from roadstate.papers.plants import told
@@ -136,12 +137,8 @@ def study(
     clean, every = cases(vehicle)
     car = told(load_vehicle(vehicle), MISMATCHED, 0)
     found = []
-    for name in estimators:
+    for name, estimator in buildable(estimators, car, clean.available):
         tell(f"faults: {name}")
-        try:
-            estimator = build(name, car, clean.available)
-        except InputError:
-            continue
         found += _of_one(estimator, clean, [c for c in every if _reads(estimator, c.sensor)])
     return found
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
+from benchmarks.accuracy.built import buildable
 from benchmarks.accuracy.run import quantities
 from benchmarks.accuracy.score import Goal, Score
 from benchmarks.real_logs import DATA, load, ours, plain
 from numpy.typing import NDArray
 
-from roadstate.core import WHEELS, InputError, Log
-from roadstate.estimators import build
+from roadstate.core import WHEELS, Log
 from roadstate.vehicles import Vehicle
 
 GROUP = "real"
@@ -29,12 +29,9 @@ def study(estimators: Sequence[str], tell: Callable[[str], None] = lambda what: 
     """
     found = []
     for what, goal, log, car, where in _cases() if DATA.is_dir() else ():
-        for name in estimators:
+        for name, estimator in buildable(estimators, car, log.available):
             tell(f"{what}: {name}")
-            try:
-                if "grade" not in quantities(build(name, car, log.available)):
-                    continue
-            except InputError:  # not for these channels
+            if "grade" not in quantities(estimator):
                 continue
             row, _ = ours(name, log, car, where)
             found.append(Score(GROUP, what, name, "%", goal, {what: row["MAE"]}, {}))

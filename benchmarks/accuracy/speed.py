@@ -7,10 +7,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from benchmarks.accuracy.built import buildable
 from benchmarks.accuracy.scenarios import logs
 
-from roadstate.core import InputError, Log
-from roadstate.estimators import Estimator, build
+from roadstate.core import Log
+from roadstate.estimators import Estimator
 from roadstate.run import batch, scan
 
 DRIVE = "straight-variable-speed"
@@ -53,12 +54,8 @@ def study(
     log, car = logs(vehicle, DRIVE, 1)[0]
     minute = log.between(0.0, _SECONDS)
     found = []
-    for name in estimators:
+    for name, estimator in buildable(estimators, car, minute.available):
         tell(f"speed: {name}")
-        try:
-            estimator = build(name, car, minute.available)
-        except InputError:
-            continue
         found.append(Speed(name, _scan_us(estimator, minute), _batch_us(estimator, log)))
     return found
 

@@ -13,7 +13,7 @@ import numpy as np
 from benchmarks.peers.problems import Array, Problem, model
 from benchmarks.peers.program import Program
 
-from roadstate.core.numerics import jit_loop
+from roadstate.core.numerics import CONCURRENT, jit_loop
 from roadstate.core.packing import Layout
 from roadstate.filters import KF, UKF, Filter
 from roadstate.filters.marginal import MarginalUKF
@@ -21,8 +21,6 @@ from roadstate.filters.particle import ParticleFilter
 from roadstate.filters.weighted import deviations
 
 LOGS = 256
-# as roadstate.run.batch: the threading library for products may wait for ever when two programs run at once
-_BATCH_OPTIONS = {"xla_cpu_experimental_ynn_fusion_type": ""}
 
 
 def choose(problem: Problem, marginal: bool = False, seed: Any = 0) -> Filter[Any]:
@@ -101,7 +99,7 @@ def batch(problem: Problem, marginal: bool = False, logs: int = LOGS, threads: i
     rows = jnp.asarray(_rows(problem, problem.samples + noise))
     whole = jax.jit(jax.vmap(begin))(jnp.arange(logs)), rows
     shares = jax.block_until_ready([_share(whole, i, logs // threads) for i in range(threads)])
-    run, dt = jit_loop(_batch, _BATCH_OPTIONS), jnp.asarray(problem.dt)
+    run, dt = jit_loop(_batch, CONCURRENT), jnp.asarray(problem.dt)
     pool = ThreadPoolExecutor(threads)
     compiled = False
 

@@ -23,6 +23,9 @@ _LOOP_OPTIONS: Options = {
     "xla_cpu_use_fusion_emitters": False,
 }
 
+CONCURRENT: Options = {"xla_cpu_experimental_ynn_fusion_type": ""}
+"""For a loop of which several run at once: XLA's library for products may then wait for ever."""
+
 # XLA's factorisations wait, on a thread of its pool, for others of that pool. When several programs run at
 # once (run.batch) and each waits like this, a pool of one thread a core has none left: all wait for ever.
 os.environ.setdefault("NPROC", str(2 * (os.cpu_count() or 1)))

@@ -79,6 +79,12 @@ class AxleForces(NamedTuple):
     is_brake_unknown: Bool[Array, ""]
 
 
+def steered_cosines(cosine: Float[Array, ""]) -> Float[Array, " 4"]:
+    """Cosines of the wheels' angles to the body, of which only the front ones steer."""
+    ahead = jnp.ones_like(cosine)
+    return jnp.stack([cosine, cosine, ahead, ahead])
+
+
 class ForceMeter(eqx.Module):
     """Balances forces: torques tell each wheel's F_x, accelerometers the sums, ṙ the axles' F_y.
 
@@ -172,7 +178,7 @@ class ForceMeter(eqx.Module):
         told = rim / radius - coefficient * load * direction
         angle = jnp.clip(smooth[STEER], -0.9, 0.9)
         cosine, sine = jnp.cos(angle), jnp.sin(angle)
-        turn = jnp.stack([cosine, cosine, jnp.ones_like(cosine), jnp.ones_like(cosine)])
+        turn = steered_cosines(cosine)
         known = drive.age < STALE
         told = jnp.where(known, told, 0.0)
         across = self._across(told, accel[1], signals.rate[YAW_RATE], cosine, sine)
@@ -228,7 +234,7 @@ class ForceMeter(eqx.Module):
     ) -> Float[Array, " 2"]:
         """(2,) lateral forces of the axles in their wheels' frames, N."""
         car = self.car
-        turn = jnp.stack([cosine, cosine, jnp.ones_like(cosine), jnp.ones_like(cosine)])
+        turn = steered_cosines(cosine)
         moment = -jnp.sum(self._half_track * along * turn)  # the left side pushes to the right
         turning = car.yaw_inertia * yaw_accel - moment
         # the tires' aligning moments: each lateral force acts a trail behind its axle

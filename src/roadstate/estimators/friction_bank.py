@@ -116,7 +116,7 @@ class BankState(NamedTuple):
 
 
 def _learn(
-    x: Array, P: Array, row: Array, innovation: Array, noise: Array, takes: Array, lively: Array
+    x: Array, P: Array, row: Array, innovation: Array, noise: Array, takes: Array, lively: Array | float = 0.0
 ) -> tuple[Array, Array, Array]:
     """A scalar measurement for all hypotheses: new mean and covariance, and log-likelihood.
 
@@ -228,7 +228,7 @@ class FrictionBank(eqx.Module):
         # beyond its peak a tire tells nothing of the sideslip: a car that is driven does not slide far
         rear = (x[V_Y] + self._arm[1] * touch.yaw_rate) / speed
         row = jnp.zeros_like(x).at[V_Y].set(1 / speed)
-        x, P, _ = _learn(x, P, row, -rear, jnp.full_like(rear, _SIDESLIP**2), takes, jnp.zeros(()))
+        x, P, _ = _learn(x, P, row, -rear, jnp.full_like(rear, _SIDESLIP**2), takes)
         for axle in range(2):
             here = self._axle(x, touch, speed, sigma_x[axle], mixed.y[0], axle)
             row = jnp.zeros_like(x)
@@ -272,7 +272,7 @@ class FrictionBank(eqx.Module):
             known = jnp.isfinite(floor) & (jnp.abs(touch.speed) > 0.5 * _SLOWEST)
             noise = jnp.where(known, noise, 1e12)
             innovation = jnp.where(known, measured - here.along, 0.0)
-            y, Y, likelihood = _learn(y, Y, row, innovation, noise, takes, jnp.zeros(()))
+            y, Y, likelihood = _learn(y, Y, row, innovation, noise, takes)
             evidence = evidence.at[2 + wheel].set(jnp.where(known, likelihood, 0.0))
         raised = mixed.log_weight + jnp.asarray(_WEIGHTS, x.dtype) @ evidence
         most = jnp.max(raised, axis=1, keepdims=True)
@@ -299,8 +299,8 @@ class FrictionBank(eqx.Module):
     def _moved(self, x: Array, P: Array, touch: Touch, dt: Array) -> tuple[Array, Array]:
         """Δt later: v̇_y = a_y − bank − bias − lever ṙ − v_x (r − its bias); the rest forgets."""
         distance = jnp.abs(touch.speed) * dt
-        keep = jnp.ones(_N, x.dtype).at[BIAS_Y : STEER_BIAS + 1].set(jnp.exp(-dt / _LASTING))
-        keep = keep.at[BIAS_R].set(jnp.exp(-dt / _LASTING))
+        lasting = np.array([BIAS_Y, STIFF_F, STIFF_R, STEER_BIAS, BIAS_R])
+        keep = jnp.ones(_N, x.dtype).at[lasting].set(jnp.exp(-dt / _LASTING))
         grown = (1 - keep**2) * self._std**2
         grown = grown.at[V_Y].set(_ACCEL**2 * dt)
         road = slice(BANK, BANK_RATE + 1)

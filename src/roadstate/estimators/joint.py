@@ -14,7 +14,7 @@ from roadstate.core.channels import WHEELS
 from roadstate.core.constants import GRAVITY
 from roadstate.core.estimates import Validity
 from roadstate.core.gaussian import Info
-from roadstate.estimators.along import SLOPE, SPEED, AlongInput, AlongModel
+from roadstate.estimators.along import BIAS, SCALE, SLOPE, SPEED, AlongInput, AlongModel
 from roadstate.estimators.base import Estimate, Estimator, Need, Sample, leaf
 from roadstate.estimators.contact_forces import AxleForces, ForceMeter, ForceMeterState
 from roadstate.estimators.friction_bank import BANK, BIAS_Y, LEVER, V_Y, VIEWS, BankState, FrictionBank
@@ -177,13 +177,13 @@ class Joint(Estimator[JointState]):
         """Signals, forces, motion along the road, then what goes on across it."""
         x, across = state.along.gaussian.mean, self.bank.merged(state.bank)[0]
         held, seen = self.signals.read(state.signals, sample, x[SPEED], dt)
-        bias = x[3] + x[4] * state.latest.accel[0]
+        bias = x[BIAS] + x[SCALE] * state.latest.accel[0]
         error = jnp.stack([bias, jnp.zeros_like(bias)])
         meter, forces = self.forces.read(state.forces, sample, seen, x[SPEED], error, dt)
         u, z = self._along(state, held, seen, forces, sample, across[V_Y], dt)
         along, info = self.filter.step(self.along, state.along, u, z, dt)
         speed, speed_std = along.gaussian.mean[SPEED], along.gaussian.std[SPEED]
-        gain = u.accel - along.gaussian.mean[SLOPE] - along.gaussian.mean[3]
+        gain = u.accel - along.gaussian.mean[SLOPE] - along.gaussian.mean[BIAS]
         lagged, touch = self.contact.touch(state.lagged, seen, forces, speed, speed_std, gain, dt)
         bank, likelihood = self.bank.step(state.bank, touch, dt)
         tells = np.array([s == "speed" or s in WHEEL_SPEEDS for s in self.sensors])
@@ -214,9 +214,9 @@ class Joint(Estimator[JointState]):
             state.signals.age[ACCEL_X] < STALE, state.signals.value[ACCEL_X], seen.value[ACCEL_X]
         )
         raw = 0.5 * (seen.value[ACCEL_X] + before)
-        by_torque = forces.explained + x[3] + x[4] * forces.accel[0]
+        by_torque = forces.explained + x[BIAS] + x[SCALE] * forces.accel[0]
         known = (forces.age < STALE) & (~forces.is_brake_unknown)
-        accel = jnp.where(felt, raw, jnp.where(known, by_torque, x[SLOPE] + x[3]))
+        accel = jnp.where(felt, raw, jnp.where(known, by_torque, x[SLOPE] + x[BIAS]))
         intensity = jnp.where(felt, self._accel_noise, jnp.where(known, forces.intensity, _UNSEEN))
         turning = jnp.where(seen.age[YAW_RATE] < STALE, seen.smooth[YAW_RATE], 0.0)
         u = AlongInput(
@@ -232,7 +232,7 @@ class Joint(Estimator[JointState]):
         parts, stds = [], []
         wheels = [i for i, w in enumerate(WHEEL_SPEEDS) if w in self.sensors]
         if wheels:
-            rim, std = self.contact.rims(seen, forces, turning, speed, spread, accel - x[3] - x[SLOPE], dt)
+            rim, std = self.contact.rims(seen, forces, turning, speed, spread, accel - x[BIAS] - x[SLOPE], dt)
             parts.append(rim[jnp.asarray(wheels)])
             stds.append(std[jnp.asarray(wheels)])
         for name in ("speed", "altitude", "vertical_speed"):
@@ -283,7 +283,7 @@ class Joint(Estimator[JointState]):
         grade = jnp.arcsin(sine)
         tell("grade", grade, std[SLOPE] / (GRAVITY * jnp.cos(grade)))
         tell("speed", mean[SPEED], jnp.hypot(std[SPEED], self._speed_scale * mean[SPEED]))
-        tell("accel_x_bias", mean[3], std[3])
+        tell("accel_x_bias", mean[BIAS], std[BIAS])
         scale, scale_std = jnp.ones(()), self._mass_std
         if "mass" in self.along.states:
             place = self.along.place("mass")

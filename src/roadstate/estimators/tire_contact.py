@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from roadstate.estimators.base import leaf
-from roadstate.estimators.contact_forces import AxleForces
+from roadstate.estimators.contact_forces import AxleForces, steered_cosines
 from roadstate.estimators.friction_bank import Touch
 from roadstate.estimators.intake import ACCEL_Y, SMOOTHING, SPIN, STALE, STEER, YAW_RATE, Signals
 
@@ -73,8 +73,7 @@ class TireContact(eqx.Module):
         load = jnp.maximum(forces.load, 0.1 * jnp.mean(forces.load))
         slip = jnp.clip(forces.along / (self.slip_stiffness * load), -_SLIP_LARGEST, _SLIP_LARGEST)
         angle = jnp.where(seen.age[STEER] < STALE, jnp.clip(seen.value[STEER], -0.9, 0.9), 0.0)
-        cosine = jnp.cos(angle)
-        turn = jnp.stack([cosine, cosine, jnp.ones_like(cosine), jnp.ones_like(cosine)])
+        turn = steered_cosines(jnp.cos(angle))
         rolling = radius * seen.value[SPIN] / (1 + slip)
         rim = rolling * turn + self.half_track * turning + _WHEEL_DELAY * accel
         away = jnp.abs(rim - speed - accel * dt)
@@ -117,8 +116,8 @@ class TireContact(eqx.Module):
         slower = before[1] - jnp.expm1(-dt / SMOOTHING) * (across - before[1])
         angle = before[0] - jnp.expm1(-dt / jnp.maximum(lag, 1e-3)) * (now - before[0])
         radius = self.radius
-        cosine = jnp.cos(seen.smooth[STEER])
-        turn = jnp.stack([cosine, cosine, jnp.ones_like(cosine), jnp.ones_like(cosine)])
+        turn = steered_cosines(jnp.cos(seen.smooth[STEER]))
+        along = forces.along / load
         # as late as the wheels' speeds are
         late = speed - (SMOOTHING + _WHEEL_DELAY) * accel
         ground = (late - self.half_track * seen.smooth[YAW_RATE]) / turn
@@ -126,11 +125,10 @@ class TireContact(eqx.Module):
         slip = jnp.clip((radius * seen.smooth[SPIN] - ground) / jnp.abs(ground), -1.0, 10.0)
         # the speed comes from wheels that were taken to slip as little as their forces: what the freest of
         # them slips more, all seem to slip less
-        least = jnp.min(jnp.abs(forces.along / load)) / self.slip_stiffness
+        least = jnp.min(jnp.abs(along)) / self.slip_stiffness
         stale = seen.age[SPIN] > STALE
         unknown = jnp.where(stale, jnp.inf, 0.0)
-        steered = jnp.where(seen.age[STEER] < STALE, 0.0, jnp.inf) * jnp.asarray([1.0, 0.0])
-        steered = jnp.where(jnp.isnan(steered), 0.0, steered)
+        steered = jnp.where(seen.age[STEER] < STALE, 0.0, jnp.asarray([jnp.inf, 0.0]))
         transfer = ((load[0::2] - load[1::2]) / axles) ** 2
         touch = Touch(
             speed=speed,
@@ -140,7 +138,7 @@ class TireContact(eqx.Module):
             lateral=seen.smooth[ACCEL_Y] - speed * seen.smooth[YAW_RATE],
             angle=angle,
             across=across,
-            along=forces.along / load,
+            along=along,
             slip=jnp.where(stale, 0.0, slip),
             slip_std=jnp.sqrt((spread / moving) ** 2 + _SLIP_ERROR**2 + (_SHARED_SLIP * least) ** 2)
             * jnp.ones(4),

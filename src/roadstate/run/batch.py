@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roadstate.core import Estimates, InputError, Log
-from roadstate.core.numerics import jit_loop
+from roadstate.core.numerics import CONCURRENT, jit_loop
 from roadstate.core.packing import Layout
 from roadstate.estimators.base import Estimator
 from roadstate.run.chunk import CHUNK, cut, inputs, scan_steps, start, to_estimates
@@ -38,8 +38,7 @@ def _scan_chunks(
     return final, rows, row_layout
 
 
-# the threading library for products may wait for ever when two programs run at once
-_compiled = jit_loop(_scan_chunks, {"xla_cpu_experimental_ynn_fusion_type": ""})
+_compiled = jit_loop(_scan_chunks, CONCURRENT)
 
 
 def batch(
@@ -106,7 +105,7 @@ def _run_group(estimators: list[Estimator[Any]], logs: list[Log]) -> list[Estima
     each = [inputs(e, log) for e, log in zip(estimators, logs, strict=True)]
     parts: list[dict[str, NDArray[Any]]] = []
     for begin in range(0, max(len(log) for log in logs), CHUNK):
-        cuts = [cut(samples, dt, begin, CHUNK) for samples, dt in each]
+        cuts = [cut(samples, dt, begin) for samples, dt in each]
         samples, dt = (np.stack(column) for column in zip(*cuts, strict=True))
         states, rows, row_layout = _compiled(params, static, layout, states, samples, dt)
         parts.append({k: np.asarray(v) for k, v in rows.items()})
