@@ -12,10 +12,10 @@ from roadstate.core.constants import GRAVITY
 from roadstate.core.quantities import reference
 from roadstate.estimators import build
 from roadstate.estimators.contact_forces import ForceMeter
-from roadstate.estimators.friction_bank import STIFF_F, STIFF_R, BankState, FrictionBank, Touch
+from roadstate.estimators.friction_bank import STIFF_F, STIFF_R, VIEWS, BankState, FrictionBank, Touch
 from roadstate.estimators.friction_curve import grip
 from roadstate.estimators.intake import SMOOTHING, SPIN, Signals
-from roadstate.estimators.tire_contact import TireContact
+from roadstate.estimators.tire_contact import ContactState, TireContact
 from roadstate.papers.base import MISMATCHED
 from roadstate.papers.plants import told
 from roadstate.run import batch, scan
@@ -80,7 +80,7 @@ class TestCurve:
 
 
 class TestBank:
-    def touch(self, along: float, slip: float) -> Touch:
+    def touch(self, along: float | list[float], slip: float | list[float]) -> Touch:
         four = jnp.ones(4)
         return Touch(
             speed=jnp.asarray(15.0),
@@ -90,20 +90,27 @@ class TestBank:
             lateral=jnp.zeros(()),
             angle=jnp.zeros(2),
             across=jnp.zeros(2),
-            along=along * four,
-            slip=slip * four,
-            slip_std=0.004 * four,
+            along=jnp.asarray(along) * four,
+            slip=jnp.asarray(slip) * four,
+            slip_std=jnp.asarray(0.002),
+            slip_shared=jnp.asarray(0.002),
             across_std=jnp.zeros(2),
             along_std=jnp.zeros(4),
             transfer=jnp.zeros(2),
             lag=jnp.asarray(0.05),
         )
 
-    def after(self, bank: FrictionBank, seconds: float, along: float, slip: float) -> np.ndarray:
-        step = jax.jit(lambda s: bank.step(s, self.touch(along, slip), jnp.asarray(0.01))[0])
+    def driven(self, bank: FrictionBank, *touches: tuple[float, Touch]) -> BankState:
+        """The state after so many seconds of each."""
+        step = jax.jit(lambda s, t: bank.step(s, t, jnp.asarray(0.01))[0])
         state = bank.init()
-        for _ in range(round(100 * seconds)):
-            state = step(state)
+        for seconds, touch in touches:
+            for _ in range(round(100 * seconds)):
+                state = step(state, touch)
+        return state
+
+    def after(self, bank: FrictionBank, seconds: float, along: float, slip: float) -> np.ndarray:
+        state = self.driven(bank, (seconds, self.touch(along, slip)))
         return np.asarray(bank.quantiles(state, (0.05, 0.5, 0.95)))[:, 0]
 
     def test_sliding_wheels_tell_the_friction_at_once(self, vehicle: Vehicle) -> None:
@@ -116,6 +123,30 @@ class TestBank:
         low, _, high = self.after(FrictionBank(vehicle), 3.0, along=0.1, slip=0.1 / 22)
         assert low < 0.4
         assert high > 1.0
+
+    def test_wheels_that_slide_on_one_side_tell_of_that_side(self, vehicle: Vehicle) -> None:
+        """Locked left wheels at 0.13, right ones that brake with 0.27 and hardly slip."""
+        bank = FrictionBank(vehicle)
+        rolling = self.touch(0.0, 0.0)
+        braking = self.touch([-0.13, -0.27, -0.13, -0.27], [-0.9, -0.27 / 22, -0.9, -0.27 / 22])
+        state = self.driven(bank, (1.0, rolling), (1.0, braking))
+        low, _, high = np.asarray(bank.quantiles(state, (0.05, 0.5, 0.95)))
+        at = {view: i for i, view in enumerate(VIEWS)}
+        assert low[at["_left"]] < 0.2 < high[at["_left"]] < 0.35
+        assert high[at["_right"]] > 0.8
+        # an axle, and the car, is the mean of its sides
+        for quantiles in (low, high):
+            mean = 0.5 * (quantiles[at["_left"]] + quantiles[at["_right"]])
+            assert quantiles[at[""]] == pytest.approx(mean)
+            assert quantiles[at["_front"]] == pytest.approx(mean, rel=0.35)
+
+    def test_a_wheel_that_is_worn_is_known_by_its_rolling(self, vehicle: Vehicle) -> None:
+        """Rolling freely it seems to slip 4 ‰: that is its radius, not friction."""
+        bank = FrictionBank(vehicle)
+        state = self.driven(bank, (20.0, self.touch(0.0, [0.004, 0.0, 0.0, 0.0])))
+        offsets = np.exp(np.asarray(state.log_weight[5])) @ np.asarray(state.y)[0, 2:].T
+        assert 0.0025 < offsets[0] < 0.0042
+        assert offsets[1] == pytest.approx(0.0, abs=0.0015)
 
     def test_weights_stay_a_distribution(self, vehicle: Vehicle) -> None:
         bank = FrictionBank(vehicle)
@@ -186,7 +217,8 @@ def test_noise_does_not_wear_the_stiffness_away(vehicle: Vehicle) -> None:
             across=used + 0.3 * noise[:1] / GRAVITY * jnp.ones(2),
             along=0.0 * four,
             slip=0.0 * four,
-            slip_std=0.004 * four,
+            slip_std=jnp.asarray(0.002),
+            slip_shared=jnp.asarray(0.002),
             across_std=jnp.zeros(2),
             along_std=jnp.zeros(4),
             transfer=jnp.zeros(2),
@@ -220,7 +252,52 @@ def test_wheels_under_drive_slip_as_much_as_they_do(vehicle: Vehicle) -> None:
     )
     forces = meter.nothing()
     _, touch = contact.touch(
-        jnp.zeros((2, 2)), seen, forces, jnp.asarray(speed[-1]), jnp.asarray(0.05), jnp.asarray(accel),
+        contact.init(), seen, forces, jnp.asarray(speed[-1]), jnp.asarray(0.05), jnp.asarray(accel),
         jnp.asarray(0.01),
     )  # fmt: skip
     np.testing.assert_allclose(np.asarray(touch.slip), 0.02, atol=3e-4)
+
+
+class TestRims:
+    """Which wheels tell the car's speed: 10 m/s, of which the torques and accelerometer know."""
+
+    def rims(
+        self, vehicle: Vehicle, spin: list[float], gains: list[float], state: ContactState | None = None
+    ) -> tuple[ContactState, np.ndarray]:
+        contact, forces = TireContact(vehicle), ForceMeter(vehicle, ()).nothing()
+        radius, zero = vehicle.wheels.radius, jnp.zeros(8)
+        seen = Signals(
+            value=zero.at[SPIN].set(jnp.asarray(spin) / radius),
+            age=zero,
+            is_fresh=jnp.ones(8, bool),
+            smooth=zero.at[SPIN].set(jnp.asarray(spin) / radius),
+            rate=zero.at[SPIN].set(jnp.asarray(gains) / radius),
+            is_faulty=jnp.zeros(8, bool),
+        )
+        zero = jnp.zeros(())
+        state, _, std = contact.rims(
+            contact.init() if state is None else state, seen, forces, zero, jnp.asarray(10.0),
+            jnp.asarray(0.05), zero, jnp.asarray(0.01),
+        )  # fmt: skip
+        return state, np.asarray(std)
+
+    def test_a_wheel_that_spins_up_is_mistrusted_before_it_is_far(self, vehicle: Vehicle) -> None:
+        rolls = self.rims(vehicle, [10.0] * 4, [0.0] * 4)[1]
+        spins = self.rims(vehicle, [10.1, 10, 10, 10], [12.0, 0, 0, 0])[1]
+        assert spins[0] > 100 * rolls[0]
+        # only all together can such a small gain be anything but noise
+        all_spin = self.rims(vehicle, [10.05] * 4, [4.0] * 4)[1]
+        assert (all_spin > 50 * rolls).all()
+        assert self.rims(vehicle, [10.05, 10, 10, 10], [4.0, 0, 0, 0])[1][0] == pytest.approx(rolls[0])
+
+    def test_wheels_that_long_agree_are_believed_again(self, vehicle: Vehicle) -> None:
+        state, std = self.rims(vehicle, [14.0] * 4, [0.0] * 4)
+        assert (std > 10).all()
+        for _ in range(150):
+            state, std = self.rims(vehicle, [14.0] * 4, [0.0] * 4, state)
+        assert (std < 0.2).all()
+        # but locked wheels agree as well
+        state, std = self.rims(vehicle, [0.0] * 4, [0.0] * 4)
+        for _ in range(200):
+            state, std = self.rims(vehicle, [0.0] * 4, [0.0] * 4, state)
+        assert (std > 10).all()

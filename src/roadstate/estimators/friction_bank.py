@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -12,6 +13,7 @@ from jaxtyping import Array, Float
 from roadstate.core.constants import GRAVITY
 from roadstate.estimators.base import leaf
 from roadstate.estimators.friction_curve import Grip, grip
+from roadstate.estimators.mixture import inherit, learn, moments
 from roadstate.estimators.road import GradePrior
 from roadstate.linalg import root
 
@@ -22,11 +24,12 @@ VIEWS = ("", "_front", "_rear", "_left", "_right")
 """The car and its parts, of whose tires friction is told."""
 STATES = (
     *("velocity_y", "bank", "bank_rate", "accel_y_bias"),
-    *("stiffness_front", "stiffness_rear", "steer_bias", "shape", "lever", "yaw_rate_bias"),
+    *("stiffness_front", "stiffness_rear", "shape_front", "shape_rear"),
+    *("steer_bias", "lever", "yaw_rate_bias"),
 )
 _N = len(STATES)
-V_Y, BANK, BANK_RATE, BIAS_Y, STIFF_F, STIFF_R, STEER_BIAS, SHAPE, LEVER, BIAS_R = range(_N)
-_ALONG = ("slip_stiffness", "shape")
+V_Y, BANK, BANK_RATE, BIAS_Y, STIFF_F, STIFF_R, SHAPE_F, SHAPE_R, STEER_BIAS, LEVER, BIAS_R = range(_N)
+_M = 4  # of a side's wheels: slip stiffness, shape, what front and rear wheel seem to slip when they roll
 _LEAST, _LARGEST, _COUNT = 0.06, 1.35, 48
 _ELSEWHERE = 0.5  # prior probability of a road that is not dry
 _JUMP = 1 / 400.0  # 1/m: how often the road's friction changes altogether
@@ -40,22 +43,40 @@ _ACCEL = 0.03  # m/s²/√Hz: white error of what moves the car sideways
 _ERROR = (0.008, 0.015)  # 1σ of a force over load measured, and share of it
 _ANGLE_ERROR = 0.002  # rad: 1σ of a slip angle, besides what v_y and the steering's bias do to it
 _ERROR_TIME = 0.15  # s: how long these errors last
-_SLIP_SHARE = 0.5  # 1σ of a slip that is known by the force only, as a share of it
+_SLIP_OFFSET = 0.003  # 1σ of a slip, of radii that differ
 _SLIP_ASIDE = 0.4  # 1σ of a slip, as a share of the slip angle: where a wheel heads is known that well
-_SLIP_TIME = 1.0  # s: how long that lasts
-_LIVELY = (0.1, 0.5)  # change of a force over load from which on slopes tell of friction, within s
-_ROBUST = 16.0  # squared deviations, over σ², from which on a sample counts less
-_ONSET = 8.0  # squared deviations, over σ², that no lasting error explains
+_SLIP_TIME = (0.1, 1.0)  # s: how long errors of a slip last, its own and those that come from the speed
+_SLIP_KNOWN = 0.02  # 1σ of a slip up to which the curve is a line over its width
+_SHAPES = (1.35, 0.35)  # shape factors there are: middle and half range
+_ANEW = (0.1, 0.5, 5.0)  # change of a force over load that tells anew, seen over s; else it does after s
+_GIVES = (
+    0.5,
+    0.03,
+)  # of what the front axle is softer than the rear, of the rear's: in series, not the tire's
 _LEAST_STEP = 1e-3
 _FLOOR = -60.0  # of a log probability
-# which evidence counts for which view: F_y front, rear, F_x of four wheels
+# Which evidence counts for which part: F_y front, rear, F_x of four wheels. The parts: the car as if it stood
+# on one road, its wheels, its sides.
 _WEIGHTS = np.array(
     [
         [1.0, 1.0, 0.5, 0.5, 0.5, 0.5],
-        [1.0, 0.0, 0.5, 0.5, 0.0, 0.0],
-        [0.0, 1.0, 0.0, 0.0, 0.5, 0.5],
+        [1.0, 0.0, 1.0, 0.0, 0.0, 0.0],
+        [1.0, 0.0, 0.0, 1.0, 0.0, 0.0],
+        [0.0, 1.0, 0.0, 0.0, 1.0, 0.0],
+        [0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
         [1.0, 1.0, 1.0, 0.0, 1.0, 0.0],
         [1.0, 1.0, 0.0, 1.0, 0.0, 1.0],
+    ]
+)
+_SIDES = slice(5, 7)
+# each of VIEWS is the mean of parts that may stand on different roads
+_MEANS = np.array(
+    [
+        [0.0, 0.0, 0.0, 0.0, 0.0, 0.5, 0.5],
+        [0.0, 0.5, 0.5, 0.0, 0.0, 0.0, 0.0],
+        [0.0, 0.0, 0.0, 0.5, 0.5, 0.0, 0.0],
+        [0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0],
+        [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0],
     ]
 )
 
@@ -72,7 +93,8 @@ class Touch(NamedTuple):
         angle: (2,) rad: slip angles of the axles but for v_y and the steering's bias, low-passed.
         across, along: (2,) and (4,) F_y/F_z of the axles and F_x/F_z of the wheels, low-passed.
         slip: (4,) practical slip of the wheels.
-        slip_std: (4,) its 1σ, what speed and radius make of it.
+        slip_std: 1σ of it that comes and goes within :data:`_SLIP_TIME`.
+        slip_shared: 1σ of what speed's error adds to all, and lasts.
         across_std, along_std: 1σ of the forces over load beyond the model's own; infinite where unknown.
         transfer: (2,) squared share of its load that a wheel of the axle gains or loses to the other.
         lag: s by which ``angle`` lags, and so v_y must.
@@ -87,7 +109,8 @@ class Touch(NamedTuple):
     across: Float[Array, " 2"]
     along: Float[Array, " 4"]
     slip: Float[Array, " 4"]
-    slip_std: Float[Array, " 4"]
+    slip_std: Float[Array, ""]
+    slip_shared: Float[Array, ""]
     across_std: Float[Array, " 2"]
     along_std: Float[Array, " 4"]
     transfer: Float[Array, " 2"]
@@ -98,50 +121,22 @@ class BankState(NamedTuple):
     """Hypotheses of J frictions.
 
     Attributes:
-        log_weight: (5, J) of each of :data:`VIEWS`.
+        log_weight: (7, J) of the parts: car, wheels, sides.
         x: (n, J) what each friction makes of :data:`STATES`; stiffnesses as logarithms of their factors,
             shape as difference from the file's, lever in m.
         P: (n, n, J) its covariance.
-        y: (2, J) the logarithm of the slip stiffness' factor, and the longitudinal shape's difference.
-        Y: (2, 2, J) its covariance.
-        level: (2,) F_y/F_z of the axles, slowed.
+        y: (2, m, J) of the left and the right side's wheels: logarithm of the slip stiffness' factor, the
+            longitudinal shape's difference, and what front and rear wheel seem to slip when they roll.
+        Y: (2, m, m, J) its covariance.
+        level: (10,) F_y/F_z of the axles, F_x/F_z of the wheels and what it were if it stayed linear, slowed.
     """
 
-    log_weight: Float[Array, "5 J"]
+    log_weight: Float[Array, "7 J"]
     x: Float[Array, "n J"]
     P: Float[Array, "n n J"]
-    y: Float[Array, "2 J"]
-    Y: Float[Array, "2 2 J"]
-    level: Float[Array, " 2"]
-
-
-def _learn(
-    x: Array, P: Array, row: Array, innovation: Array, noise: Array, takes: Array, lively: Array | float = 0.0
-) -> tuple[Array, Array, Array]:
-    """A scalar measurement for all hypotheses: new mean and covariance, and log-likelihood.
-
-    Args:
-        x: (n, J).
-        P: (n, n, J).
-        row: (n, J) the sensor's derivative.
-        innovation: (J,).
-        noise: (J,) variance of an independent sample.
-        takes: how many samples make an independent one; what deviates far counts less.
-        lively: 0 to 1, how much of the likelihood's normalising factor counts.
-    """
-    gain = jnp.sum(P * row[None], axis=1)
-    own = jnp.sum(gain * row, axis=0)
-    far = innovation**2 / (own + noise)
-    total = own + noise * takes * (1 + far / _ROBUST)
-    x = x + gain * (innovation / total)
-    P = P - gain[:, None] * (gain / total)[None]
-    # Student's t of one independent sample in so many, of more where an error is too large to last.
-    # Its normalising factor counts while forces change. Without it a hypothesis that is unsure of its force
-    # is never refuted, and friction comes out too high; while nothing changes, every hypothesis predicts
-    # well, noises are but roughly known, and the surest, a tire that slides, would win by the factor alone.
-    likelihood = -2.5 * jnp.log1p(far / 4.0) * jnp.minimum((1 + far / _ONSET) / takes, 1.0)
-    likelihood = likelihood - lively * 0.5 * jnp.log(own + noise) / takes
-    return x, P, likelihood
+    y: Float[Array, "2 m J"]
+    Y: Float[Array, "2 m m J"]
+    level: Float[Array, " 10"]
 
 
 class FrictionBank(eqx.Module):
@@ -156,7 +151,7 @@ class FrictionBank(eqx.Module):
     with a rate per distance, so that without evidence the posterior returns to the prior as the car drives
     on, and a sudden change is a hypothesis that is always there.
 
-    The parts of the car share hypotheses but not evidence: each view weighs what its own tires tell.
+    The parts of the car share hypotheses but not evidence: each weighs what its own tires tell.
 
     Attributes:
         friction: (J,) the hypotheses.
@@ -166,11 +161,12 @@ class FrictionBank(eqx.Module):
     friction: Float[Array, " J"]
     prior: Float[Array, " J"]
     _stiffness: Float[Array, " 2"]
+    _gives: Float[Array, " 2"]
     _slip_stiffness: Float[Array, ""]
     _shape: Float[Array, ""]
     _road: GradePrior
     _std: Float[Array, " n"]
-    _along_std: Float[Array, " 2"]
+    _along_std: Float[Array, " m"]
     _arm: Float[Array, " 2"]
 
     def __init__(self, vehicle: Vehicle) -> None:
@@ -184,7 +180,10 @@ class FrictionBank(eqx.Module):
             jnp.asarray((1 - _ELSEWHERE) * dry / dry.sum() + _ELSEWHERE * other / other.sum())
         )
         self.friction = jnp.asarray(grid)
-        self._stiffness = jnp.asarray([tires.cornering_stiffness_front, tires.cornering_stiffness_rear])
+        front, rear = tires.cornering_stiffness_front, tires.cornering_stiffness_rear
+        gives = np.array([_GIVES[0] * max(1 / front - 1 / rear, 0.0), _GIVES[1] / rear])
+        self._gives = jnp.asarray(gives)
+        self._stiffness = jnp.asarray(1 / (np.array([1 / front, 1 / rear]) - gives))
         self._slip_stiffness = leaf(tires.slip_stiffness)
         self._shape = leaf(tires.shape)
         bank = GRAVITY * prior.bank_std
@@ -193,9 +192,11 @@ class FrictionBank(eqx.Module):
         self._road = GradePrior(leaf(bank), leaf(_BANK_LENGTH))
         rate = bank * 3**0.5 / _BANK_LENGTH
         self._std = jnp.asarray(
-            np.array([1.0, bank, rate, bias, stiff, stiff, steer, shape, _LEVER, sensors.yaw_rate.bias])
+            np.array(
+                [1.0, bank, rate, bias, stiff, stiff, shape, shape, steer, _LEVER, sensors.yaw_rate.bias]
+            )
         )
-        self._along_std = jnp.asarray(np.array([stiff, shape]))
+        self._along_std = jnp.asarray(np.array([stiff, shape, _SLIP_OFFSET, _SLIP_OFFSET]))
         geometry = vehicle.geometry
         self._arm = jnp.asarray([geometry.cg_to_front_axle, -geometry.cg_to_rear_axle])
 
@@ -203,12 +204,12 @@ class FrictionBank(eqx.Module):
         """The prior."""
         ones = jnp.ones(_COUNT)
         return BankState(
-            jnp.broadcast_to(self.prior, (len(VIEWS), _COUNT)),
+            jnp.broadcast_to(self.prior, (len(_WEIGHTS), _COUNT)),
             jnp.zeros((_N, _COUNT)),
             jnp.diag(self._std**2)[:, :, None] * ones,
-            jnp.zeros((2, _COUNT)),
-            jnp.diag(self._along_std**2)[:, :, None] * ones,
-            jnp.zeros(2),
+            jnp.zeros((2, _M, _COUNT)),
+            jnp.broadcast_to(jnp.diag(self._along_std**2)[:, :, None], (2, _M, _M, _COUNT)),
+            jnp.zeros(10),
         )
 
     def step(
@@ -217,27 +218,35 @@ class FrictionBank(eqx.Module):
         """Advance by ``dt`` and weigh what the tires tell; also the log-likelihood of it."""
         mixed = self._mixed(state, jnp.abs(touch.speed) * dt)
         x, P = self._moved(mixed.x, mixed.P, touch, dt)
-        evidence = jnp.zeros((6, _COUNT), x.dtype)
-        lively = jnp.minimum(((touch.across - state.level) / _LIVELY[0]) ** 2, 1.0)
-        level = state.level - jnp.expm1(-dt / _LIVELY[1]) * (touch.across - state.level)
+        elastic = self._slip_stiffness * touch.slip / jnp.maximum(1 + touch.slip, 0.1)
+        told = jnp.concatenate([touch.across, touch.along, jnp.clip(elastic, -1.0, 1.0)])
+        change = told - state.level
+        level = state.level - jnp.expm1(-dt / _ANEW[1]) * change
+        change = jnp.concatenate(
+            [jnp.abs(change[:2]), jnp.maximum(jnp.abs(change[2:6]), jnp.abs(change[6:]))]
+        )
+        anew = change / (_ANEW[0] * _ANEW[1]) + 1 / _ANEW[2]
+        whole = jnp.minimum((change / _ANEW[0]) ** 2, 1.0)
         step = jnp.maximum(dt, _LEAST_STEP)
+        shared = touch.slip_shared**2 / (touch.slip_shared**2 + touch.slip_std**2)
+        slip_time = _SLIP_TIME[0] + (_SLIP_TIME[1] - _SLIP_TIME[0]) * shared
+        lasts = 2 * jnp.concatenate([jnp.full(2, _ERROR_TIME), jnp.full(4, 1.0) * slip_time])
+        takes = jnp.maximum((lasts + 1 / anew) / step, 1.0)
         speed = jnp.maximum(jnp.abs(touch.speed), _SLOWEST)
-        kappa = touch.slip.reshape(2, 2).mean(axis=1)
-        sigma_x = kappa / jnp.maximum(1 + kappa, 0.1)
-        takes = jnp.maximum(2 * _ERROR_TIME / step, 1.0)
+        across_evidence = []
         # beyond its peak a tire tells nothing of the sideslip: a car that is driven does not slide far
         rear = (x[V_Y] + self._arm[1] * touch.yaw_rate) / speed
         row = jnp.zeros_like(x).at[V_Y].set(1 / speed)
-        x, P, _ = _learn(x, P, row, -rear, jnp.full_like(rear, _SIDESLIP**2), takes)
+        x, P, _ = learn(x, P, row, -rear, jnp.full_like(rear, _SIDESLIP**2), takes[1])
         for axle in range(2):
-            here = self._axle(x, touch, speed, sigma_x[axle], mixed.y[0], axle)
+            here = self._axle(x, touch, speed, mixed.y, axle)
             row = jnp.zeros_like(x)
             angle = self._factor(touch, axle) * self._stiffness[axle] * jnp.exp(x[STIFF_F + axle])
             by_angle = here.across_by_angle * angle
             lagged = -by_angle / speed
             row = row.at[V_Y].set(lagged).at[BANK].set(lagged * touch.lag).at[BIAS_Y].set(lagged * touch.lag)
             row = row.at[LEVER].set((lagged * touch.lag + 1 / GRAVITY) * touch.yaw_accel)
-            row = row.at[STIFF_F + axle].set(here.across_by_slip).at[SHAPE].set(here.across_by_shape)
+            row = row.at[STIFF_F + axle].set(here.across_by_slip).at[SHAPE_F + axle].set(here.across_by_shape)
             turned = lagged * (-self._arm[axle] - touch.lag * touch.speed)
             row = row.at[BIAS_R].set(turned)
             if axle == 0:
@@ -246,34 +255,34 @@ class FrictionBank(eqx.Module):
             row = row.at[BIAS_Y].add(1 / GRAVITY)
             measured = touch.across[axle]
             noise = touch.across_std[axle] ** 2 + _ERROR[0] ** 2 + (_ERROR[1] * measured) ** 2
-            noise = noise + (by_angle * _ANGLE_ERROR) ** 2
+            noise = noise * (1 + self._gives[axle] * by_angle) ** 2 + (by_angle * _ANGLE_ERROR) ** 2
             known = jnp.isfinite(noise) & (jnp.abs(touch.speed) > _SLOWEST)
             noise = jnp.where(known, noise, 1e12)
             misread = (x[BIAS_Y] + x[LEVER] * touch.yaw_accel) / GRAVITY
             innovation = jnp.where(known, measured - here.across - misread, 0.0)
-            x, P, likelihood = _learn(x, P, row, innovation, noise, takes, lively[axle])
-            evidence = evidence.at[axle].set(jnp.where(known, likelihood, 0.0))
+            x, P, likelihood = learn(x, P, row, innovation, noise, takes[axle], whole[axle])
+            across_evidence.append(jnp.where(known, likelihood, 0.0))
         y, Y = mixed.y, mixed.Y
-        takes = jnp.maximum(2 * _SLIP_TIME / step, 1.0)
-        for wheel in range(4):
-            axle = wheel // 2
-            kappa = touch.slip[wheel]
-            ratio = kappa / jnp.maximum(1 + kappa, 0.1)
-            stiff = self._slip_stiffness * jnp.exp(y[0])
+        along_evidence = []
+        for axle in range(2):
+            pair = slice(2 * axle, 2 * axle + 2)
+            here, by_slip = self._wheels(x, y, touch, speed, axle)
+            row = jnp.zeros_like(y).at[:, 0].set(here.along_by_slip).at[:, 1].set(here.along_by_shape)
+            row = row.at[:, 2 + axle].set(-by_slip)
+            measured = touch.along[pair, None]
             angle = self._angle(x, touch, speed, axle)
-            across = self._factor(touch, axle) * self._stiffness[axle] * jnp.exp(x[STIFF_F + axle]) * angle
-            here = grip(stiff * ratio, across, self.friction, self._shape + y[1])
-            row = jnp.stack([here.along_by_slip, here.along_by_shape])
-            measured = touch.along[wheel]
-            by_force = _SLIP_SHARE * measured / self._slip_stiffness
-            slips = jnp.sqrt(touch.slip_std[wheel] ** 2 + by_force**2 + (_SLIP_ASIDE * angle) ** 2)
-            floor = touch.along_std[wheel] ** 2 + _ERROR[0] ** 2 + (_ERROR[1] * measured) ** 2
-            noise = floor + (stiff * here.along_by_ratio * slips) ** 2
-            known = jnp.isfinite(floor) & (jnp.abs(touch.speed) > 0.5 * _SLOWEST)
+            slips = jnp.sqrt(touch.slip_std**2 + touch.slip_shared**2 + (_SLIP_ASIDE * angle) ** 2)
+            floor = touch.along_std[pair, None] ** 2 + _ERROR[0] ** 2 + (_ERROR[1] * measured) ** 2
+            noise = floor + (by_slip * slips) ** 2
+            # a curve is no line over the width of a slip that is hardly known, unless the tire surely slides
+            sure = jnp.maximum(_SLIP_KNOWN, jnp.abs(touch.slip[pair, None]) / 3) > touch.slip_shared
+            known = jnp.isfinite(floor) & (jnp.abs(touch.speed) > 0.5 * _SLOWEST) & sure
             noise = jnp.where(known, noise, 1e12)
             innovation = jnp.where(known, measured - here.along, 0.0)
-            y, Y, likelihood = _learn(y, Y, row, innovation, noise, takes)
-            evidence = evidence.at[2 + wheel].set(jnp.where(known, likelihood, 0.0))
+            i = slice(2 + 2 * axle, 4 + 2 * axle)
+            y, Y, likelihood = learn(y, Y, row, innovation, noise, takes[i, None])
+            along_evidence.append(jnp.where(known, likelihood, 0.0))
+        evidence = jnp.concatenate([jnp.stack(across_evidence), *along_evidence])
         raised = mixed.log_weight + jnp.asarray(_WEIGHTS, x.dtype) @ evidence
         most = jnp.max(raised, axis=1, keepdims=True)
         total = most + jnp.log(jnp.sum(jnp.exp(raised - most), axis=1, keepdims=True))
@@ -287,19 +296,33 @@ class FrictionBank(eqx.Module):
     def _angle(self, x: Array, touch: Touch, speed: Array, axle: int) -> Array:
         """Slip angle of an axle under each hypothesis, as its tangent."""
         lateral = touch.lateral - x[BANK] - x[BIAS_Y] - x[LEVER] * touch.yaw_accel + touch.speed * x[BIAS_R]
-        angle = touch.angle[axle] - (x[V_Y] - self._arm[axle] * x[BIAS_R] - touch.lag * lateral) / speed
+        angle = touch.angle[axle] - self._gives[axle] * touch.across[axle]
+        angle = angle - (x[V_Y] - self._arm[axle] * x[BIAS_R] - touch.lag * lateral) / speed
         return angle - x[STEER_BIAS] * jnp.sign(touch.speed) if axle == 0 else angle
 
-    def _axle(self, x: Array, touch: Touch, speed: Array, ratio: Array, stiff: Array, axle: int) -> Grip:
+    def _wheels(self, x: Array, y: Array, touch: Touch, speed: Array, axle: int) -> tuple[Grip, Array]:
+        """Left and right tire of an axle, (2, J), and ∂(F_x/F_z)/∂ slip."""
+        kappa = touch.slip[2 * axle : 2 * axle + 2, None] - y[:, 2 + axle]
+        ratio = kappa / jnp.maximum(1 + kappa, 0.1)
+        stiff = self._slip_stiffness * jnp.exp(y[:, 0])
         angle = self._angle(x, touch, speed, axle)
         across = self._factor(touch, axle) * self._stiffness[axle] * jnp.exp(x[STIFF_F + axle]) * angle
-        along = self._slip_stiffness * jnp.exp(stiff) * ratio
-        return grip(along, across, self.friction, self._shape + x[SHAPE])
+        here = _bounded(stiff * ratio, across, self.friction, self._shape + y[:, 1])
+        return here, stiff * here.along_by_ratio
+
+    def _axle(self, x: Array, touch: Touch, speed: Array, y: Array, axle: int) -> Grip:
+        """An axle's tires together: the mean of its wheels, which slip as their own side does."""
+        kappa = touch.slip[2 * axle : 2 * axle + 2, None] - y[:, 2 + axle]
+        along = self._slip_stiffness * jnp.exp(y[:, 0]) * kappa / jnp.maximum(1 + kappa, 0.1)
+        angle = self._angle(x, touch, speed, axle)
+        across = self._factor(touch, axle) * self._stiffness[axle] * jnp.exp(x[STIFF_F + axle]) * angle
+        wheels = _bounded(along, across, self.friction, self._shape + x[SHAPE_F + axle])
+        return Grip(*(jnp.mean(part, axis=0) for part in wheels))
 
     def _moved(self, x: Array, P: Array, touch: Touch, dt: Array) -> tuple[Array, Array]:
         """Δt later: v̇_y = a_y − bank − bias − lever ṙ − v_x (r − its bias); the rest forgets."""
         distance = jnp.abs(touch.speed) * dt
-        lasting = np.array([BIAS_Y, STIFF_F, STIFF_R, STEER_BIAS, BIAS_R])
+        lasting = np.array([BIAS_Y, STIFF_F, STIFF_R, SHAPE_F, SHAPE_R, STEER_BIAS, BIAS_R])
         keep = jnp.ones(_N, x.dtype).at[lasting].set(jnp.exp(-dt / _LASTING))
         grown = (1 - keep**2) * self._std**2
         grown = grown.at[V_Y].set(_ACCEL**2 * dt)
@@ -331,14 +354,14 @@ class FrictionBank(eqx.Module):
         born = -jnp.expm1(-_JUMP * distance)
         fresh = born * jnp.exp(self.prior)
         whole = (1 - born) * p + fresh
-        new = fresh / jnp.maximum(whole[0], 1e-30)
-        x, P = _inherit(state.x, state.P, p[0], new)
-        y, Y = _inherit(state.y, state.Y, p[0], new)
+        new = fresh / jnp.maximum(whole, 1e-30)
+        x, P = inherit(state.x, state.P, p[0], new[0])
+        y, Y = jax.vmap(inherit)(state.y, state.Y, p[_SIDES], new[_SIDES])
         return BankState(jnp.log(jnp.maximum(whole, 1e-30)), x, P, y, Y, state.level)
 
     def merged(self, state: BankState) -> tuple[Array, Array]:
         """Mean (n,) and 1σ (n,) of :data:`STATES` over all hypotheses."""
-        return _moments(state.x, state.P, jnp.exp(state.log_weight[0]))
+        return moments(state.x, state.P, jnp.exp(state.log_weight[0]))
 
     def quantiles(self, state: BankState, levels: tuple[float, ...]) -> Float[Array, "q 5"]:
         """Quantiles of μ in each of :data:`VIEWS`, linear in ln μ between the grid's points."""
@@ -353,12 +376,8 @@ class FrictionBank(eqx.Module):
             here = jnp.take_along_axis(p, place[:, None], axis=1)[:, 0]
             before = jnp.take_along_axis(total, place[:, None], axis=1)[:, 0] - here
             inside = jnp.clip((level - before) / jnp.maximum(here, 1e-30), 0.0, 1.0)
-            rows.append(self._whole(jnp.exp(grid[place] + spacing * (inside - 0.5))))
+            rows.append(jnp.asarray(_MEANS) @ jnp.exp(grid[place] + spacing * (inside - 0.5)))
         return jnp.stack(rows)
-
-    def _whole(self, views: Float[Array, " 5"]) -> Float[Array, " 5"]:
-        """With the car's as the mean of its sides', which on a split road its own view cannot hold."""
-        return jnp.concatenate([0.5 * (views[3] + views[4])[None], views[1:]])
 
     def std(self, state: BankState) -> Float[Array, " 5"]:
         """1σ of μ in each of :data:`VIEWS`, the grid's own width included."""
@@ -366,21 +385,14 @@ class FrictionBank(eqx.Module):
         p = p / jnp.sum(p, axis=1, keepdims=True)
         mean = jnp.sum(p * self.friction, axis=1, keepdims=True)
         width = self.friction * float(np.log(_LARGEST / _LEAST) / (_COUNT - 1)) / 12**0.5
-        return self._whole(root(jnp.sum(p * ((self.friction - mean) ** 2 + width**2), axis=1)))
+        return jnp.asarray(_MEANS) @ root(jnp.sum(p * ((self.friction - mean) ** 2 + width**2), axis=1))
 
 
-def _moments(x: Array, P: Array, p: Array) -> tuple[Array, Array]:
-    p = p / jnp.sum(p)
-    mean = jnp.sum(p * x, axis=1)
-    variance = jnp.sum(p * (jnp.stack([P[i, i] for i in range(len(x))]) + (x - mean[:, None]) ** 2), axis=1)
-    return mean, root(variance)
-
-
-def _inherit(x: Array, P: Array, p: Array, new: Array) -> tuple[Array, Array]:
-    """Hypotheses of which a share ``new`` (J,) is born anew out of all of them; moments are kept."""
-    p = p / jnp.sum(p)
-    mean = jnp.sum(p * x, axis=1, keepdims=True)
-    apart = x - mean
-    whole = jnp.sum(p * (P + apart[:, None] * apart[None]), axis=2, keepdims=True)
-    shift = (1 - new) * new * (apart[:, None] * apart[None])
-    return x - new * apart, (1 - new) * P + new * whole + shift
+def _bounded(along: Array, across: Array, friction: Array, shape: Array) -> Grip:
+    """:func:`grip` with a shape factor kept among those there are, whatever a linear update makes of it."""
+    within = jnp.tanh((shape - _SHAPES[0]) / _SHAPES[1])
+    here = grip(along, across, friction, _SHAPES[0] + _SHAPES[1] * within)
+    slope = 1 - within**2
+    return here._replace(
+        along_by_shape=here.along_by_shape * slope, across_by_shape=here.across_by_shape * slope
+    )

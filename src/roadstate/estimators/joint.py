@@ -21,6 +21,7 @@ from roadstate.estimators.friction_bank import BANK, BIAS_Y, LEVER, V_Y, VIEWS, 
 from roadstate.estimators.intake import (
     ACCEL_X,
     ACCEL_Y,
+    SMOOTHING,
     SPIN,
     STALE,
     WHEEL_SPEEDS,
@@ -30,7 +31,7 @@ from roadstate.estimators.intake import (
     SignalState,
 )
 from roadstate.estimators.signals import STANDSTILL_SPEED
-from roadstate.estimators.tire_contact import TireContact
+from roadstate.estimators.tire_contact import ContactState, TireContact
 from roadstate.filters import KF, FilterState, GateRule
 from roadstate.linalg import once, root
 
@@ -44,6 +45,7 @@ _UNSEEN = 4.0  # m/s²/√Hz: of an acceleration that neither accelerometer nor 
 _LEAST_STEP = 1e-3  # s
 _AGE = 0.1  # s by which a satellite's speed may be late
 _LEAD_ERROR = 0.7  # 1σ of what is added to undo the low pass, as a share of it
+_LATE = 0.01  # s: age of inertial signals, and what the body's roll adds to it
 _PATIENCE = 300  # samples for which a spinning or locked wheel may be refused
 
 
@@ -51,8 +53,7 @@ class JointState(NamedTuple):
     """State of :class:`Joint`.
 
     Attributes:
-        signals, forces, along, bank: the parts'.
-        lagged: (2, 2) the axles' slip angles but for v_y, and their F_y/F_z, both slowed.
+        signals, forces, along, contact, bank: the parts'.
         speed_age: s since anything told the speed.
         fault_age: s for which some sensor has been refused or stuck.
         latest: what the forces were, for :meth:`Joint.estimate`.
@@ -62,8 +63,8 @@ class JointState(NamedTuple):
     signals: SignalState
     forces: ForceMeterState
     along: FilterState
+    contact: ContactState
     bank: BankState
-    lagged: Float[Array, "2 2"]
     speed_age: Float[Array, ""]
     fault_age: Float[Array, ""]
     latest: AxleForces
@@ -165,8 +166,8 @@ class Joint(Estimator[JointState]):
             signals=self.signals.init(),
             forces=self.forces.init(),
             along=self.filter.init(self.along),
+            contact=self.contact.init(),
             bank=self.bank.init(),
-            lagged=jnp.zeros((2, 2)),
             speed_age=zero + 1e6,
             fault_age=zero,
             latest=self.forces.nothing(),
@@ -180,18 +181,18 @@ class Joint(Estimator[JointState]):
         bias = x[BIAS] + x[SCALE] * state.latest.accel[0]
         error = jnp.stack([bias, jnp.zeros_like(bias)])
         meter, forces = self.forces.read(state.forces, sample, seen, x[SPEED], error, dt)
-        u, z = self._along(state, held, seen, forces, sample, across[V_Y], dt)
+        contact, u, z = self._along(state, held, seen, forces, sample, across[V_Y], dt)
         along, info = self.filter.step(self.along, state.along, u, z, dt)
         speed, speed_std = along.gaussian.mean[SPEED], along.gaussian.std[SPEED]
         gain = u.accel - along.gaussian.mean[SLOPE] - along.gaussian.mean[BIAS]
-        lagged, touch = self.contact.touch(state.lagged, seen, forces, speed, speed_std, gain, dt)
+        contact, touch = self.contact.touch(contact, seen, forces, speed, speed_std, gain, dt)
         bank, likelihood = self.bank.step(state.bank, touch, dt)
         tells = np.array([s == "speed" or s in WHEEL_SPEEDS for s in self.sensors])
         told = jnp.any(jnp.isfinite(z) & tells)
         speed_age = jnp.where(told, 0.0, state.speed_age + dt)
         faulty = jnp.any(seen.is_faulty) | jnp.any(along.rejected > 0)
         fault_age = jnp.where(faulty, state.fault_age + dt, 0.0)
-        new = JointState(held, meter, along, bank, lagged, speed_age, fault_age, forces, state.validity)
+        new = JointState(held, meter, along, contact, bank, speed_age, fault_age, forces, state.validity)
         validity = self._validity(new, info)
         info = eqx.tree_at(lambda i: i.log_likelihood, info, info.log_likelihood + likelihood)
         return new._replace(validity=validity), info
@@ -205,7 +206,7 @@ class Joint(Estimator[JointState]):
         sample: Sample,
         velocity_y: Array,
         dt: Array,
-    ) -> tuple[AlongInput, Float[Array, " m"]]:
+    ) -> tuple[ContactState, AlongInput, Float[Array, " m"]]:
         """Input and measurement of the filter along the road."""
         x, spread = state.along.gaussian.mean, state.along.gaussian.std[SPEED]
         speed, step = x[SPEED], jnp.maximum(dt, _LEAST_STEP)
@@ -231,8 +232,11 @@ class Joint(Estimator[JointState]):
         )
         parts, stds = [], []
         wheels = [i for i, w in enumerate(WHEEL_SPEEDS) if w in self.sensors]
+        contact = state.contact
         if wheels:
-            rim, std = self.contact.rims(seen, forces, turning, speed, spread, accel - x[BIAS] - x[SLOPE], dt)
+            contact, rim, std = self.contact.rims(
+                contact, seen, forces, turning, speed, spread, accel - x[BIAS] - x[SLOPE], dt
+            )
             parts.append(rim[jnp.asarray(wheels)])
             stds.append(std[jnp.asarray(wheels)])
         for name in ("speed", "altitude", "vertical_speed"):
@@ -252,7 +256,7 @@ class Joint(Estimator[JointState]):
             parts.append(jnp.where(both, more, jnp.nan)[None])
             stds.append((jnp.hypot(forces.intensity, self._accel_noise) / root(step))[None])
         z, std = once((jnp.concatenate(parts), jnp.concatenate(stds)))
-        return u._replace(sensor_std=std), z
+        return contact, u._replace(sensor_std=std), z
 
     def _validity(self, state: JointState, info: Info) -> Int[Array, ""]:
         used = jnp.asarray([self.signals.has[i] for i in range(8)])
@@ -293,8 +297,9 @@ class Joint(Estimator[JointState]):
             tell("altitude", mean[-2], std[-2])
         axles = forces.load.reshape(2, 2).sum(axis=1)
         side, side_std = self.bank.merged(state.bank)
-        # ahead by as much as the low pass lags, and freed of the accelerometer's bias and place
-        ahead = forces.across - state.lagged[1] * axles
+        # ahead by as much as low pass, sensors and the body's roll lag, and freed of the accelerometer's bias
+        # and place
+        ahead = (1 + _LATE / SMOOTHING) * (forces.across - state.contact.across * axles)
         lateral = forces.across + ahead - (side[BIAS_Y] + side[LEVER] * forces.yaw_accel) / GRAVITY * axles
         used, used_std = self._used(forces, lateral, ahead, side_std[BIAS_Y])
         ages = state.signals.age

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -20,14 +20,31 @@ if TYPE_CHECKING:
 _SLIP_SHARE = 1.0  # 1σ of the slip that a wheel's force makes, as a share of it: near the limit it runs away
 _SLIP_TIME = 0.5  # s: how long that lasts
 _SLIP_LARGEST = 0.15
-_SLIP_ERROR = 0.004  # 1σ of a slip, of radii that differ
+_SLIP_ERROR = 0.0015  # 1σ of a slip, of teeth and what the low pass leaves of noise
 _SHARED_SLIP = 2.0  # 1σ of the slip that all wheels share, as a share of what the least force makes
 _RUNAWAY = (0.4, 3.0)  # m/s by which a wheel may leave the rest, and 1σ over what is beyond
+_RACING = (5.0, 1.8, 0.5)  # m/s² by which a wheel, and all, may outrun the car, and s of mistrust then
+_TOGETHER = (0.03, 0.3, 1.5)  # share of the speed and m/s within which wheels agree, and s to believe them
 _DEAD_BAND = (0.7, 0.25)  # m/s: a slower wheel may read anything down to zero, with this 1σ
 _WHEEL_DELAY = 0.01  # s: age of a wheel's speed when it comes
 _YIELDS = 0.025  # s: lag of the force behind the angle that suspension and steering add to the tire's
 _LAG_ERROR = 0.015  # s: 1σ of that lag
 _LEAST_STEP = 1e-3  # s
+
+
+class ContactState(NamedTuple):
+    """What a :class:`TireContact` remembers.
+
+    Attributes:
+        angle, across: (2,) the axles' slip angles but for v_y, and their F_y/F_z, both slowed.
+        racing: (4,) m/s² by which wheels outran the car lately.
+        together: s for which all wheels have agreed on a speed and its change.
+    """
+
+    angle: Float[Array, " 2"]
+    across: Float[Array, " 2"]
+    racing: Float[Array, " 4"]
+    together: Float[Array, ""]
 
 
 class TireContact(eqx.Module):
@@ -58,8 +75,13 @@ class TireContact(eqx.Module):
         front, rear = geometry.track_front / 2, geometry.track_rear / 2
         self.half_track = jnp.asarray(np.array([front, -front, rear, -rear]))
 
+    def init(self) -> ContactState:
+        """Straight ahead and rolling."""
+        return ContactState(jnp.zeros(2), jnp.zeros(2), jnp.zeros(4), jnp.zeros(()))
+
     def rims(
         self,
+        state: ContactState,
         seen: Signals,
         forces: AxleForces,
         turning: Array,
@@ -67,8 +89,12 @@ class TireContact(eqx.Module):
         spread: Array,
         accel: Array,
         dt: Array,
-    ) -> tuple[Float[Array, " 4"], Float[Array, " 4"]]:
-        """(4,) the car's speed as each wheel tells it, freed of yaw and slip, and 1σ, m/s."""
+    ) -> tuple[ContactState, Float[Array, " 4"], Float[Array, " 4"]]:
+        """(4,) the car's speed as each wheel tells it, freed of yaw and slip, and 1σ, m/s.
+
+        A wheel whose own acceleration is not the car's spins up or locks, and is mistrusted from that moment
+        on; so is one that is far from the car's speed, unless all wheels have long agreed on another.
+        """
         radius, step = self.radius, jnp.maximum(dt, _LEAST_STEP)
         load = jnp.maximum(forces.load, 0.1 * jnp.mean(forces.load))
         slip = jnp.clip(forces.along / (self.slip_stiffness * load), -_SLIP_LARGEST, _SLIP_LARGEST)
@@ -78,26 +104,40 @@ class TireContact(eqx.Module):
         rim = rolling * turn + self.half_track * turning + _WHEEL_DELAY * accel
         away = jnp.abs(rim - speed - accel * dt)
         away = jnp.maximum(away - _RUNAWAY[0] - 2 * spread, 0.0)
-        lasting = jnp.hypot(_SLIP_SHARE * slip * speed, _RUNAWAY[1] * away) * jnp.sqrt(_SLIP_TIME / step)
+        gains = radius * seen.rate[SPIN] * turn + self.half_track * seen.rate[YAW_RATE]
+        outruns = jnp.maximum(jnp.abs(gains - accel) - _RACING[0], 0.0)
+        outruns = jnp.maximum(outruns, jnp.abs(jnp.mean(gains) - accel) - _RACING[1])
+        racing = jnp.maximum(outruns, state.racing * jnp.exp(-dt / _RACING[2]))
+        apart = jnp.max(rim) - jnp.min(rim)
+        agree = (apart < _TOGETHER[0] * jnp.abs(speed) + _TOGETHER[1]) & (jnp.max(outruns) == 0.0)
+        agree = agree & (jnp.min(jnp.abs(rim)) > _DEAD_BAND[0])
+        together = jnp.where(agree, state.together + dt, 0.0)
+        away = jnp.where(together > _TOGETHER[2], 0.0, away)
+        ran = jnp.hypot(_RUNAWAY[1] * away, _RACING[2] * racing)
+        lasting = jnp.hypot(_SLIP_SHARE * slip * speed, ran) * jnp.sqrt(_SLIP_TIME / step)
         slow = jnp.where(jnp.abs(rim) < _DEAD_BAND[0], _DEAD_BAND[1], 0.0)
         noise = self.noise
         std = jnp.sqrt(noise**2 + lasting**2 + slow**2)
-        return jnp.where(seen.is_fresh[SPIN], rim, jnp.nan), std
+        return (
+            state._replace(racing=racing, together=together),
+            jnp.where(seen.is_fresh[SPIN], rim, jnp.nan),
+            std,
+        )
 
     def touch(
         self,
-        before: Float[Array, "2 2"],
+        state: ContactState,
         seen: Signals,
         forces: AxleForces,
         speed: Array,
         spread: Array,
         accel: Array,
         dt: Array,
-    ) -> tuple[Float[Array, "2 2"], Touch]:
-        """How the tires touch the road; the axles' slip angles but for v_y and their F_y/F_z, slowed.
+    ) -> tuple[ContactState, Touch]:
+        """How the tires touch the road.
 
         Args:
-            before: the second result of the last call.
+            state: from :meth:`init` or the last call.
             seen: signals.
             forces: at this instant.
             speed: m/s.
@@ -112,9 +152,9 @@ class TireContact(eqx.Module):
         across = forces.across / axles
         now = steer - self.places * seen.smooth[YAW_RATE] / moving
         lag = self.relaxation / moving + _YIELDS
-        across_rate = (across - before[1]) / SMOOTHING
-        slower = before[1] - jnp.expm1(-dt / SMOOTHING) * (across - before[1])
-        angle = before[0] - jnp.expm1(-dt / jnp.maximum(lag, 1e-3)) * (now - before[0])
+        across_rate = (across - state.across) / SMOOTHING
+        slower = state.across - jnp.expm1(-dt / SMOOTHING) * (across - state.across)
+        angle = state.angle - jnp.expm1(-dt / jnp.maximum(lag, 1e-3)) * (now - state.angle)
         radius = self.radius
         turn = steered_cosines(jnp.cos(seen.smooth[STEER]))
         along = forces.along / load
@@ -140,11 +180,11 @@ class TireContact(eqx.Module):
             across=across,
             along=along,
             slip=jnp.where(stale, 0.0, slip),
-            slip_std=jnp.sqrt((spread / moving) ** 2 + _SLIP_ERROR**2 + (_SHARED_SLIP * least) ** 2)
-            * jnp.ones(4),
+            slip_std=jnp.full_like(speed, _SLIP_ERROR),
+            slip_shared=jnp.hypot(spread / moving, _SHARED_SLIP * least),
             across_std=jnp.hypot(forces.across_std, _LAG_ERROR * across_rate) + steered,
             along_std=forces.along_std + unknown,
             transfer=transfer,
             lag=lag + SMOOTHING,
         )
-        return jnp.stack([angle, slower]), touch
+        return state._replace(angle=angle, across=slower), touch

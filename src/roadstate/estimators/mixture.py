@@ -1,0 +1,58 @@
+"""Many hypotheses at once, each with its own mean and covariance; the last axis tells them apart."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from roadstate.linalg import root
+
+_ROBUST = 16.0  # squared deviations, over σ², from which on a sample counts less
+_ONSET = 8.0  # squared deviations, over σ², that no lasting error explains
+
+
+def learn(
+    x: Array, P: Array, row: Array, innovation: Array, noise: Array, takes: Array, whole: Array | float = 0.0
+) -> tuple[Array, Array, Array]:
+    """A scalar measurement for all hypotheses: new mean and covariance, and log-likelihood.
+
+    Args:
+        x: (..., n, J).
+        P: (..., n, n, J).
+        row: (..., n, J) the sensor's derivative.
+        innovation: (..., J).
+        noise: (..., J) variance of an independent sample.
+        takes: how many samples make an independent one; what deviates far counts less.
+        whole: 0 to 1, how much of the likelihood's normalising factor counts.
+    """
+    gain = jnp.sum(P * row[..., None, :, :], axis=-2)
+    own = jnp.sum(gain * row, axis=-2)
+    far = innovation**2 / (own + noise)
+    total = own + noise * takes * (1 + far / _ROBUST)
+    x = x + gain * (innovation / total)[..., None, :]
+    P = P - gain[..., None, :] * (gain / total[..., None, :])[..., None, :, :]
+    # Student's t of one independent sample in so many, of more where an error is too large to last.
+    # Its normalising factor counts while forces change. Without it a hypothesis that is unsure of its force
+    # is never refuted, and friction comes out too high; while nothing changes, every hypothesis predicts
+    # well, noises are but roughly known, and the surest, a tire that slides, would win by the factor alone.
+    likelihood = -2.5 * jnp.log1p(far / 4.0) * jnp.minimum((1 + far / _ONSET) / takes, 1.0)
+    likelihood = likelihood - whole * 0.5 * jnp.log(own + noise) / takes
+    return x, P, likelihood
+
+
+def moments(x: Array, P: Array, p: Array) -> tuple[Array, Array]:
+    """Mean (n,) and 1σ (n,) of all hypotheses together, of x (n, J), P (n, n, J) and weights p (J,)."""
+    p = p / jnp.sum(p)
+    mean = jnp.sum(p * x, axis=1)
+    variance = jnp.sum(p * (jnp.stack([P[i, i] for i in range(len(x))]) + (x - mean[:, None]) ** 2), axis=1)
+    return mean, root(variance)
+
+
+def inherit(x: Array, P: Array, p: Array, new: Array) -> tuple[Array, Array]:
+    """Hypotheses of which a share ``new`` (J,) is born anew out of all of them; moments are kept."""
+    p = p / jnp.sum(p)
+    mean = jnp.sum(p * x, axis=1, keepdims=True)
+    apart = x - mean
+    whole = jnp.sum(p * (P + apart[:, None] * apart[None]), axis=2, keepdims=True)
+    shift = (1 - new) * new * (apart[:, None] * apart[None])
+    return x - new * apart, (1 - new) * P + new * whole + shift

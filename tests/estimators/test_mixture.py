@@ -1,0 +1,85 @@
+"""Mixtures of Gaussians whose last axis tells the hypotheses apart."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from roadstate.estimators.mixture import inherit, learn, moments
+
+Numbers = NDArray[np.float64]
+
+
+@pytest.fixture
+def three() -> tuple[Numbers, Numbers, Numbers]:
+    """Means (2, 3), covariances (2, 2, 3) and weights (3,) of three hypotheses."""
+    rng = np.random.default_rng(3)
+    roots = rng.normal(size=(3, 2, 2))
+    P = np.stack([root @ root.T + 0.1 * np.eye(2) for root in roots], axis=-1)
+    return rng.normal(size=(2, 3)), P, np.array([0.2, 0.5, 0.3])
+
+
+def test_a_likely_sample_is_a_kalman_update(three: tuple[Numbers, Numbers, Numbers]) -> None:
+    x, P, _ = three
+    row = np.array([[1.0, 0.5, -1.0], [0.3, 0.0, 2.0]])
+    noise = np.array([0.5, 1.0, 2.0])
+    innovation = np.full(3, 1e-3)  # so small that nothing is robust about it
+    new, spread, _ = learn(*map(jnp.asarray, (x, P, row, innovation, noise)), jnp.asarray(1.0))
+    for j in range(3):
+        h, S = row[:, j], row[:, j] @ P[:, :, j] @ row[:, j] + noise[j]
+        gain = P[:, :, j] @ h / S
+        np.testing.assert_allclose(np.asarray(new)[:, j], x[:, j] + gain * 1e-3, rtol=1e-7)
+        np.testing.assert_allclose(
+            np.asarray(spread)[:, :, j], P[:, :, j] - np.outer(gain, gain) * S, atol=1e-7
+        )
+
+
+def test_sides_learn_apart(three: tuple[Numbers, Numbers, Numbers]) -> None:
+    x, P, _ = three
+    both = [jnp.stack([jnp.asarray(a)] * 2) for a in (x, P, np.ones((2, 3)))]
+    innovation, noise = jnp.asarray([[0.5] * 3, [-0.2] * 3]), jnp.ones((2, 3))
+    together = learn(*both, innovation, noise, jnp.asarray(4.0))
+    for side in range(2):
+        alone = learn(*(a[side] for a in both), innovation[side], noise[side], jnp.asarray(4.0))
+        for one, other in zip(together, alone, strict=True):
+            np.testing.assert_allclose(np.asarray(one)[side], np.asarray(other), rtol=1e-12)
+
+
+def test_the_surest_of_equally_good_predictions_is_the_likeliest() -> None:
+    zero, P = jnp.zeros((1, 2)), jnp.asarray([[[1e-4, 1.0]]])
+    said = learn(zero, P, jnp.ones((1, 2)), jnp.zeros(2), jnp.full(2, 0.01), jnp.asarray(1.0), 1.0)[2]
+    assert float(said[0] - said[1]) == pytest.approx(0.5 * np.log(1.01 / 0.0101))
+    without = learn(zero, P, jnp.ones((1, 2)), jnp.zeros(2), jnp.full(2, 0.01), jnp.asarray(1.0))[2]
+    assert float(without[0] - without[1]) == 0.0
+
+
+def test_being_born_anew_keeps_the_moments(three: tuple[Numbers, Numbers, Numbers]) -> None:
+    """Hypothesis j becomes the mixture of itself and, with a share, of all."""
+    x, P, p = three
+    new = np.array([0.0, 0.3, 1.0])
+    mean, spread = (np.asarray(a) for a in inherit(*map(jnp.asarray, (x, P, p, new))))
+    whole = x @ p
+    total = sum(p[j] * (P[:, :, j] + np.outer(x[:, j] - whole, x[:, j] - whole)) for j in range(3))
+    for j, share in enumerate(new):
+        middle = (1 - share) * x[:, j] + share * whole
+        apart, away = x[:, j] - middle, whole - middle
+        expected = (1 - share) * (P[:, :, j] + np.outer(apart, apart)) + share * (
+            total + np.outer(away, away)
+        )
+        np.testing.assert_allclose(mean[:, j], middle, atol=1e-12)
+        np.testing.assert_allclose(spread[:, :, j], expected, atol=1e-12)
+
+
+def test_moments_are_those_of_samples(three: tuple[Numbers, Numbers, Numbers]) -> None:
+    x, P, p = three
+    rng = np.random.default_rng(0)
+    which = rng.choice(3, 200_000, p=p)
+    samples = np.empty((len(which), 2))
+    for j in range(3):
+        chosen = which == j
+        samples[chosen] = rng.multivariate_normal(x[:, j], P[:, :, j], chosen.sum())
+    mean, std = moments(*map(jnp.asarray, (x, P, p)))
+    np.testing.assert_allclose(np.asarray(mean), samples.mean(axis=0), atol=0.02)
+    np.testing.assert_allclose(np.asarray(std), samples.std(axis=0), rtol=0.01)
