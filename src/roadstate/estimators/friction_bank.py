@@ -30,7 +30,7 @@ STATES = (
 _N = len(STATES)
 V_Y, BANK, BANK_RATE, BIAS_Y, STIFF_F, STIFF_R, SHAPE_F, SHAPE_R, STEER_BIAS, LEVER, BIAS_R = range(_N)
 _M = 4  # of a side's wheels: slip stiffness, shape, what front and rear wheel seem to slip when they roll
-_LEAST, _LARGEST, _COUNT = 0.06, 1.35, 48
+_LEAST, _LARGEST, _COUNT = 0.06, 1.35, 32  # a power of two: XLA vectorises it
 _ELSEWHERE = 0.5  # prior probability of a road that is not dry
 _JUMP = 1 / 400.0  # 1/m: how often the road's friction changes altogether
 _DRIFT = 0.1**2 / 300.0  # 1/m: variance of ln μ that is added by driving on
@@ -43,6 +43,7 @@ _ACCEL = 0.03  # m/s²/√Hz: white error of what moves the car sideways
 _ERROR = (0.008, 0.015)  # 1σ of a force over load measured, and share of it
 _ANGLE_ERROR = 0.002  # rad: 1σ of a slip angle, besides what v_y and the steering's bias do to it
 _ERROR_TIME = 0.15  # s: how long these errors last
+_LASTS = np.isin(np.arange(_N), [BIAS_Y, STIFF_F, STIFF_R, SHAPE_F, SHAPE_R, STEER_BIAS, BIAS_R])
 _SLIP_OFFSET = 0.003  # 1σ of a slip, of radii that differ
 _SLIP_ASIDE = 0.4  # 1σ of a slip, as a share of the slip angle: where a wheel heads is known that well
 _SLIP_TIME = (0.1, 1.0)  # s: how long errors of a slip last, its own and those that come from the speed
@@ -322,20 +323,23 @@ class FrictionBank(eqx.Module):
     def _moved(self, x: Array, P: Array, touch: Touch, dt: Array) -> tuple[Array, Array]:
         """Δt later: v̇_y = a_y − bank − bias − lever ṙ − v_x (r − its bias); the rest forgets."""
         distance = jnp.abs(touch.speed) * dt
-        lasting = np.array([BIAS_Y, STIFF_F, STIFF_R, SHAPE_F, SHAPE_R, STEER_BIAS, BIAS_R])
-        keep = jnp.ones(_N, x.dtype).at[lasting].set(jnp.exp(-dt / _LASTING))
+        keep = jnp.where(_LASTS, jnp.exp(-dt / _LASTING), 1.0).astype(x.dtype)
         grown = (1 - keep**2) * self._std**2
-        grown = grown.at[V_Y].set(_ACCEL**2 * dt)
-        road = slice(BANK, BANK_RATE + 1)
         noise = self._road.sqrt_Q(distance)
-        F = jnp.diag(keep).at[road, road].set(self._road.transition(distance))
-        F = F.at[V_Y, BANK].set(-dt).at[V_Y, BIAS_Y].set(-dt)
-        F = F.at[V_Y, LEVER].set(-dt * touch.yaw_accel).at[V_Y, BIAS_R].set(dt * touch.speed)
-        Q = jnp.diag(grown).at[road, road].set(noise @ noise.T)
+        zero, one = jnp.zeros_like(dt), jnp.ones_like(dt)
+        # the first states mix; the others only forget
+        top = [zero] * _N
+        top[V_Y], top[BANK], top[BIAS_Y] = one, -dt, -dt
+        top[LEVER], top[BIAS_R] = -dt * touch.yaw_accel, dt * touch.speed
+        road = jnp.pad(self._road.transition(distance), ((0, 0), (1, _N - 3)))
+        mixes = jnp.concatenate([jnp.stack(top)[None], road])
+        rest = keep[3:, None]
         known = touch.accel_y - touch.speed * touch.yaw_rate
-        moved = (F @ x).at[V_Y].add(dt * known)
-        half = jnp.tensordot(F, P, 1)
-        P = jnp.einsum("ikj,lk->ilj", half, F) + Q[:, :, None]
+        moved = jnp.concatenate([mixes @ x, rest * x[3:]]).at[V_Y].add(dt * known)
+        half = jnp.concatenate([jnp.tensordot(mixes, P, 1), rest[..., None] * P[3:]])
+        across = jnp.einsum("ikj,lk->ilj", half, mixes)
+        Q = jnp.diag(grown.at[V_Y].set(_ACCEL**2 * dt)).at[1:3, 1:3].set(noise @ noise.T)
+        P = jnp.concatenate([across, rest * half[:, 3:]], axis=1) + Q[:, :, None]
         # at a walking pace the rear axle follows where it points
         slow = jnp.abs(touch.speed) < _SLOWEST
         follows = -self._arm[1] * touch.yaw_rate
@@ -367,17 +371,16 @@ class FrictionBank(eqx.Module):
         """Quantiles of μ in each of :data:`VIEWS`, linear in ln μ between the grid's points."""
         p = jnp.exp(state.log_weight)
         p = p / jnp.sum(p, axis=1, keepdims=True)
-        total = jnp.cumsum(p, axis=1)
+        # a product: XLA sums up along an axis in time that grows with the square of its length
+        total = p @ jnp.asarray(np.triu(np.ones((_COUNT, _COUNT))), p.dtype)
+        wanted = jnp.asarray(levels, p.dtype)[:, None]
+        place = jnp.minimum(jnp.sum(total < wanted[..., None], axis=-1), _COUNT - 1)
+        is_there = jnp.arange(_COUNT) == place[..., None]
+        here = jnp.sum(jnp.where(is_there, p, 0.0), axis=-1)
+        before = jnp.sum(jnp.where(is_there, total, 0.0), axis=-1) - here
+        inside = jnp.clip((wanted - before) / jnp.maximum(here, 1e-30), 0.0, 1.0)
         grid = jnp.log(self.friction)
-        spacing = grid[1] - grid[0]
-        rows = []
-        for level in levels:
-            place = jnp.minimum(jnp.sum(total < level, axis=1), _COUNT - 1)
-            here = jnp.take_along_axis(p, place[:, None], axis=1)[:, 0]
-            before = jnp.take_along_axis(total, place[:, None], axis=1)[:, 0] - here
-            inside = jnp.clip((level - before) / jnp.maximum(here, 1e-30), 0.0, 1.0)
-            rows.append(jnp.asarray(_MEANS) @ jnp.exp(grid[place] + spacing * (inside - 0.5)))
-        return jnp.stack(rows)
+        return jnp.exp(grid[0] + (grid[1] - grid[0]) * (place + inside - 0.5)) @ jnp.asarray(_MEANS.T)
 
     def std(self, state: BankState) -> Float[Array, " 5"]:
         """1σ of μ in each of :data:`VIEWS`, the grid's own width included."""

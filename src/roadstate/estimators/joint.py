@@ -42,6 +42,7 @@ _SILENT = 3.0  # s without a channel after which the estimate is called a predic
 _FAULTY = 0.3  # s of a refused or stuck sensor after which it is called faulty
 _SURE = 0.6  # ratio of the 5 % to the 95 % bound from which on friction counts as known
 _UNSEEN = 4.0  # m/s²/√Hz: of an acceleration that neither accelerometer nor torques tell
+_QUANTILES = (0.05, 0.5, 0.95)
 _LEAST_STEP = 1e-3  # s
 _AGE = 0.1  # s by which a satellite's speed may be late
 _LEAD_ERROR = 0.7  # 1σ of what is added to undo the low pass, as a share of it
@@ -57,6 +58,7 @@ class JointState(NamedTuple):
         speed_age: s since anything told the speed.
         fault_age: s for which some sensor has been refused or stuck.
         latest: what the forces were, for :meth:`Joint.estimate`.
+        friction: (3, 5) 5 %, 50 % and 95 % quantiles of each view's friction.
         validity: code.
     """
 
@@ -68,6 +70,7 @@ class JointState(NamedTuple):
     speed_age: Float[Array, ""]
     fault_age: Float[Array, ""]
     latest: AxleForces
+    friction: Float[Array, "3 5"]
     validity: Int[Array, ""]
 
 
@@ -171,6 +174,7 @@ class Joint(Estimator[JointState]):
             speed_age=zero + 1e6,
             fault_age=zero,
             latest=self.forces.nothing(),
+            friction=self.bank.quantiles(self.bank.init(), _QUANTILES),
             validity=jnp.asarray(int(Validity.SENSOR_MISSING)),
         )
 
@@ -186,13 +190,16 @@ class Joint(Estimator[JointState]):
         speed, speed_std = along.gaussian.mean[SPEED], along.gaussian.std[SPEED]
         gain = u.accel - along.gaussian.mean[SLOPE] - along.gaussian.mean[BIAS]
         contact, touch = self.contact.touch(contact, seen, forces, speed, speed_std, gain, dt)
-        bank, likelihood = self.bank.step(state.bank, touch, dt)
+        bank, likelihood = once(self.bank.step(state.bank, touch, dt))
         tells = np.array([s == "speed" or s in WHEEL_SPEEDS for s in self.sensors])
         told = jnp.any(jnp.isfinite(z) & tells)
         speed_age = jnp.where(told, 0.0, state.speed_age + dt)
         faulty = jnp.any(seen.is_faulty) | jnp.any(along.rejected > 0)
         fault_age = jnp.where(faulty, state.fault_age + dt, 0.0)
-        new = JointState(held, meter, along, contact, bank, speed_age, fault_age, forces, state.validity)
+        friction = once(self.bank.quantiles(bank, _QUANTILES))
+        new = JointState(
+            held, meter, along, contact, bank, speed_age, fault_age, forces, friction, state.validity
+        )
         validity = self._validity(new, info)
         info = eqx.tree_at(lambda i: i.log_likelihood, info, info.log_likelihood + likelihood)
         return new._replace(validity=validity), info
@@ -261,7 +268,7 @@ class Joint(Estimator[JointState]):
     def _validity(self, state: JointState, info: Info) -> Int[Array, ""]:
         used = jnp.asarray([self.signals.has[i] for i in range(8)])
         oldest = jnp.max(jnp.where(used & (jnp.arange(8) < SPIN.start), state.signals.age, 0.0))
-        low, high = self.bank.quantiles(state.bank, (0.05, 0.95))
+        low, _, high = state.friction
         sure = low[0] > _SURE * high[0]
         validity = jnp.where(sure, int(Validity.EXCITED), int(Validity.LOW_EXCITATION))
         validity = jnp.where(state.latest.is_shifting & ~sure, int(Validity.GEAR_SHIFT), validity)
@@ -323,7 +330,7 @@ class Joint(Estimator[JointState]):
                 rough = jnp.hypot(rough, side_std[BIAS_Y] / GRAVITY * load)
                 spread = jnp.where(jnp.isfinite(forces.across_std[i]), forces.across_std[i], 1.0) * load
                 tell(f"force_y_{where}", scale * across, jnp.hypot(rough, spread))
-        low, middle, high = self.bank.quantiles(state.bank, (0.05, 0.5, 0.95))
+        low, middle, high = state.friction
         spread = self.bank.std(state.bank)
         for i, view in enumerate(VIEWS):
             name = f"friction_peak{view}"

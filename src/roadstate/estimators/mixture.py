@@ -44,8 +44,8 @@ def moments(x: Array, P: Array, p: Array) -> tuple[Array, Array]:
     """Mean (n,) and 1σ (n,) of all hypotheses together, of x (n, J), P (n, n, J) and weights p (J,)."""
     p = p / jnp.sum(p)
     mean = jnp.sum(p * x, axis=1)
-    variance = jnp.sum(p * (jnp.stack([P[i, i] for i in range(len(x))]) + (x - mean[:, None]) ** 2), axis=1)
-    return mean, root(variance)
+    own = jnp.sum(P * jnp.eye(len(x), dtype=P.dtype)[:, :, None], axis=1)  # the diagonal, without gathering
+    return mean, root(jnp.sum(p * (own + (x - mean[:, None]) ** 2), axis=1))
 
 
 def inherit(x: Array, P: Array, p: Array, new: Array) -> tuple[Array, Array]:
