@@ -13,7 +13,7 @@ from roadstate.core.quantities import reference
 from roadstate.estimators import build
 from roadstate.estimators.contact_forces import ForceMeter
 from roadstate.estimators.friction_bank import STIFF_F, STIFF_R, VIEWS, BankState, FrictionBank, Touch
-from roadstate.estimators.friction_curve import grip
+from roadstate.estimators.friction_curve import bounded, elastic, grip
 from roadstate.estimators.intake import SMOOTHING, SPIN, Signals
 from roadstate.estimators.tire_contact import ContactState, TireContact
 from roadstate.papers.base import MISMATCHED
@@ -60,6 +60,22 @@ class TestCurve:
         slips = jnp.linspace(0.0, 8.0, 4001)
         force = grip(jnp.zeros_like(slips), slips, jnp.asarray(0.8), jnp.asarray(1.45)).across
         assert float(jnp.max(force)) == pytest.approx(0.8, rel=1e-5)
+
+    @pytest.mark.parametrize("share", [-0.9, -0.3, 0.0, 0.5, 0.94])
+    def test_a_force_tells_the_slip_of_the_rising_branch(self, share: float) -> None:
+        friction, shape = jnp.asarray(0.7), jnp.asarray(1.5)
+        slip = elastic(share * friction, friction, shape)
+        force = bounded(slip, jnp.zeros(()), friction, shape).along
+        assert float(force) == pytest.approx(share * 0.7, abs=1e-6)
+
+    def test_no_shape_factor_leaves_those_there_are(self) -> None:
+        """However far a linear update goes, a tire that slides keeps a good part of its friction."""
+        sliding = bounded(jnp.asarray(500.0), jnp.zeros(()), jnp.asarray(1.0), jnp.linspace(-3.0, 6.0, 50))
+        assert float(jnp.min(sliding.along)) > 0.4
+        assert float(jnp.max(sliding.along)) <= 1.0
+        by_shape = jax.grad(lambda c: bounded(jnp.asarray(3.0), jnp.asarray(1.0), 0.8, c).along)
+        here = bounded(jnp.asarray(3.0), jnp.asarray(1.0), jnp.asarray(0.8), jnp.asarray(1.6))
+        assert float(here.along_by_shape) == pytest.approx(float(by_shape(1.6)), rel=1e-4)
 
     def test_combined_slip_shares_one_curve(self) -> None:
         pure = grip(jnp.asarray(1.0), jnp.asarray(0.0), jnp.asarray(0.6), jnp.asarray(1.3))
@@ -277,7 +293,7 @@ class TestRims:
         zero = jnp.zeros(())
         state, _, std = contact.rims(
             contact.init() if state is None else state, seen, forces, zero, jnp.asarray(10.0),
-            jnp.asarray(0.05), zero, jnp.asarray(0.01),
+            jnp.asarray(0.05), zero, zero, jnp.asarray(0.01),
         )  # fmt: skip
         return state, np.asarray(std)
 

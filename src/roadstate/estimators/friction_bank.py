@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 
 from roadstate.core.constants import GRAVITY
 from roadstate.estimators.base import leaf
-from roadstate.estimators.friction_curve import Grip, grip
+from roadstate.estimators.friction_curve import TOP, Grip, bounded, elastic
 from roadstate.estimators.mixture import inherit, learn, moments
 from roadstate.estimators.road import GradePrior
 from roadstate.linalg import root
@@ -48,7 +48,6 @@ _SLIP_OFFSET = 0.003  # 1σ of a slip, of radii that differ
 _SLIP_ASIDE = 0.4  # 1σ of a slip, as a share of the slip angle: where a wheel heads is known that well
 _SLIP_TIME = (0.1, 1.0)  # s: how long errors of a slip last, its own and those that come from the speed
 _SLIP_KNOWN = 0.02  # 1σ of a slip up to which the curve is a line over its width
-_SHAPES = (1.35, 0.35)  # shape factors there are: middle and half range
 _ANEW = (0.1, 0.5, 5.0)  # change of a force over load that tells anew, seen over s; else it does after s
 _GIVES = (
     0.5,
@@ -267,14 +266,14 @@ class FrictionBank(eqx.Module):
         along_evidence = []
         for axle in range(2):
             pair = slice(2 * axle, 2 * axle + 2)
-            here, by_slip = self._wheels(x, y, touch, speed, axle)
+            here, by_slip, by_error = self._wheels(x, y, touch, speed, axle)
             row = jnp.zeros_like(y).at[:, 0].set(here.along_by_slip).at[:, 1].set(here.along_by_shape)
             row = row.at[:, 2 + axle].set(-by_slip)
             measured = touch.along[pair, None]
             angle = self._angle(x, touch, speed, axle)
             slips = jnp.sqrt(touch.slip_std**2 + touch.slip_shared**2 + (_SLIP_ASIDE * angle) ** 2)
             floor = touch.along_std[pair, None] ** 2 + _ERROR[0] ** 2 + (_ERROR[1] * measured) ** 2
-            noise = floor + (by_slip * slips) ** 2
+            noise = floor + (by_error * slips) ** 2
             # a curve is no line over the width of a slip that is hardly known, unless the tire surely slides
             sure = jnp.maximum(_SLIP_KNOWN, jnp.abs(touch.slip[pair, None]) / 3) > touch.slip_shared
             known = jnp.isfinite(floor) & (jnp.abs(touch.speed) > 0.5 * _SLOWEST) & sure
@@ -301,15 +300,23 @@ class FrictionBank(eqx.Module):
         angle = angle - (x[V_Y] - self._arm[axle] * x[BIAS_R] - touch.lag * lateral) / speed
         return angle - x[STEER_BIAS] * jnp.sign(touch.speed) if axle == 0 else angle
 
-    def _wheels(self, x: Array, y: Array, touch: Touch, speed: Array, axle: int) -> tuple[Grip, Array]:
-        """Left and right tire of an axle, (2, J), and ∂(F_x/F_z)/∂ slip."""
-        kappa = touch.slip[2 * axle : 2 * axle + 2, None] - y[:, 2 + axle]
+    def _wheels(self, x: Array, y: Array, touch: Touch, speed: Array, axle: int) -> tuple[Grip, Array, Array]:
+        """Left and right tire of an axle, (2, J), ∂(F_x/F_z)/∂ slip, and how much a slip's error can do."""
+        pair = slice(2 * axle, 2 * axle + 2)
+        kappa = touch.slip[pair, None] - y[:, 2 + axle]
         ratio = kappa / jnp.maximum(1 + kappa, 0.1)
         stiff = self._slip_stiffness * jnp.exp(y[:, 0])
         angle = self._angle(x, touch, speed, axle)
         across = self._factor(touch, axle) * self._stiffness[axle] * jnp.exp(x[STIFF_F + axle]) * angle
-        here = _bounded(stiff * ratio, across, self.friction, self._shape + y[:, 1])
-        return here, stiff * here.along_by_ratio
+        shape = self._shape + y[:, 1]
+        here = bounded(stiff * ratio, across, self.friction, shape)
+        # As slips are uncertain, what matters is the curve's slope between the slip measured and the one that
+        # the force tells: next to its peak a curve is flat, and yet no slip there goes with half the force.
+        force = touch.along[pair, None]
+        apart = jnp.abs(ratio - elastic(force, self.friction, shape) / stiff)
+        chord = jnp.abs(here.along - force) / (stiff * jnp.maximum(apart, 1e-6))
+        slope = jnp.maximum(here.along_by_ratio, jnp.where(jnp.abs(force) < TOP * self.friction, chord, 0.0))
+        return here, stiff * here.along_by_ratio, stiff * slope
 
     def _axle(self, x: Array, touch: Touch, speed: Array, y: Array, axle: int) -> Grip:
         """An axle's tires together: the mean of its wheels, which slip as their own side does."""
@@ -317,7 +324,7 @@ class FrictionBank(eqx.Module):
         along = self._slip_stiffness * jnp.exp(y[:, 0]) * kappa / jnp.maximum(1 + kappa, 0.1)
         angle = self._angle(x, touch, speed, axle)
         across = self._factor(touch, axle) * self._stiffness[axle] * jnp.exp(x[STIFF_F + axle]) * angle
-        wheels = _bounded(along, across, self.friction, self._shape + x[SHAPE_F + axle])
+        wheels = bounded(along, across, self.friction, self._shape + x[SHAPE_F + axle])
         return Grip(*(jnp.mean(part, axis=0) for part in wheels))
 
     def _moved(self, x: Array, P: Array, touch: Touch, dt: Array) -> tuple[Array, Array]:
@@ -389,13 +396,3 @@ class FrictionBank(eqx.Module):
         mean = jnp.sum(p * self.friction, axis=1, keepdims=True)
         width = self.friction * float(np.log(_LARGEST / _LEAST) / (_COUNT - 1)) / 12**0.5
         return jnp.asarray(_MEANS) @ root(jnp.sum(p * ((self.friction - mean) ** 2 + width**2), axis=1))
-
-
-def _bounded(along: Array, across: Array, friction: Array, shape: Array) -> Grip:
-    """:func:`grip` with a shape factor kept among those there are, whatever a linear update makes of it."""
-    within = jnp.tanh((shape - _SHAPES[0]) / _SHAPES[1])
-    here = grip(along, across, friction, _SHAPES[0] + _SHAPES[1] * within)
-    slope = 1 - within**2
-    return here._replace(
-        along_by_shape=here.along_by_shape * slope, across_by_shape=here.across_by_shape * slope
-    )

@@ -9,6 +9,9 @@ import jax.numpy as jnp
 from roadstate.tires.smooth import Numbers
 
 _LEAST = 1e-6  # of a normalised slip: below it the curve is its tangent
+_SHAPES = (1.35, 0.35)  # shape factors there are: middle and half range
+TOP = 0.95
+"""Share of the friction from which on a force hardly tells the slip."""
 
 
 class Grip(NamedTuple):
@@ -68,3 +71,31 @@ def grip(stiff_x: Numbers, stiff_y: Numbers, friction: Numbers, shape: Numbers) 
         along_by_shape=a * by_shape,
         across_by_shape=b * by_shape,
     )
+
+
+def bounded(stiff_x: Numbers, stiff_y: Numbers, friction: Numbers, shape: Numbers) -> Grip:
+    """:func:`grip` with a shape factor kept among those there are, whatever a linear update makes of it."""
+    factor, slope = _within(shape)
+    here = grip(stiff_x, stiff_y, friction, factor)
+    return here._replace(
+        along_by_shape=here.along_by_shape * slope, across_by_shape=here.across_by_shape * slope
+    )
+
+
+def elastic(force: Numbers, friction: Numbers, shape: Numbers) -> Numbers:
+    """c σ at which a tire that slips one way has this force over load, on the rising branch of :func:`grip`.
+
+    Args:
+        force: F/F_z, of which no more counts than 95 % of the friction.
+        friction: μ.
+        shape: C, kept within those there are.
+    """
+    factor, _ = _within(shape)
+    share = jnp.clip(force / friction, -TOP, TOP)
+    return friction * factor * jnp.tan(jnp.arcsin(share) / factor)
+
+
+def _within(shape: Numbers) -> tuple[Numbers, Numbers]:
+    """The shape factor that counts, and its derivative by the one given."""
+    share = jnp.tanh((shape - _SHAPES[0]) / _SHAPES[1])
+    return _SHAPES[0] + _SHAPES[1] * share, 1 - share**2

@@ -241,8 +241,9 @@ class Joint(Estimator[JointState]):
         wheels = [i for i, w in enumerate(WHEEL_SPEEDS) if w in self.sensors]
         contact = state.contact
         if wheels:
+            gain, unsure = accel - x[BIAS] - x[SLOPE], state.along.gaussian.std[SLOPE]
             contact, rim, std = self.contact.rims(
-                contact, seen, forces, turning, speed, spread, accel - x[BIAS] - x[SLOPE], dt
+                contact, seen, forces, turning, speed, spread, gain, unsure, dt
             )
             parts.append(rim[jnp.asarray(wheels)])
             stds.append(std[jnp.asarray(wheels)])

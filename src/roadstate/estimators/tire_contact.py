@@ -88,12 +88,24 @@ class TireContact(eqx.Module):
         speed: Array,
         spread: Array,
         accel: Array,
+        unsure: Array,
         dt: Array,
     ) -> tuple[ContactState, Float[Array, " 4"], Float[Array, " 4"]]:
         """(4,) the car's speed as each wheel tells it, freed of yaw and slip, and 1σ, m/s.
 
         A wheel whose own acceleration is not the car's spins up or locks, and is mistrusted from that moment
         on; so is one that is far from the car's speed, unless all wheels have long agreed on another.
+
+        Args:
+            state: from :meth:`init` or the last call.
+            seen: signals.
+            forces: at this instant.
+            turning: yaw rate, rad/s.
+            speed: m/s, and
+            spread: its 1σ.
+            accel: its rate, m/s², and
+            unsure: 1σ of that.
+            dt: s.
         """
         radius, step = self.radius, jnp.maximum(dt, _LEAST_STEP)
         load = jnp.maximum(forces.load, 0.1 * jnp.mean(forces.load))
@@ -105,8 +117,8 @@ class TireContact(eqx.Module):
         away = jnp.abs(rim - speed - accel * dt)
         away = jnp.maximum(away - _RUNAWAY[0] - 2 * spread, 0.0)
         gains = radius * seen.rate[SPIN] * turn + self.half_track * seen.rate[YAW_RATE]
-        outruns = jnp.maximum(jnp.abs(gains - accel) - _RACING[0], 0.0)
-        outruns = jnp.maximum(outruns, jnp.abs(jnp.mean(gains) - accel) - _RACING[1])
+        outruns = jnp.maximum(jnp.abs(gains - accel) - _RACING[0] - 2 * unsure, 0.0)
+        outruns = jnp.maximum(outruns, jnp.abs(jnp.mean(gains) - accel) - _RACING[1] - 2 * unsure)
         racing = jnp.maximum(outruns, state.racing * jnp.exp(-dt / _RACING[2]))
         apart = jnp.max(rim) - jnp.min(rim)
         agree = (apart < _TOGETHER[0] * jnp.abs(speed) + _TOGETHER[1]) & (jnp.max(outruns) == 0.0)
