@@ -6,9 +6,10 @@ from collections.abc import Collection, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from roadstate.core.channels import WHEELS
 from roadstate.core.constants import GRAVITY
@@ -21,6 +22,8 @@ from roadstate.estimators.friction_bank import BANK, BIAS_Y, LEVER, V_Y, VIEWS, 
 from roadstate.estimators.intake import (
     ACCEL_X,
     ACCEL_Y,
+    REPEATS,
+    ROWS,
     SPIN,
     STALE,
     WHEEL_SPEEDS,
@@ -29,8 +32,10 @@ from roadstate.estimators.intake import (
     Signals,
     SignalState,
 )
+from roadstate.estimators.plausibility import TORQUE, Plausibility, PlausibilityState
 from roadstate.estimators.signals import STANDSTILL_SPEED
 from roadstate.estimators.tire_contact import TireContact
+from roadstate.estimators.watch import Watch, WatchState
 from roadstate.filters import KF, FilterState, GateRule
 from roadstate.linalg import once, root
 
@@ -44,6 +49,7 @@ _UNSEEN = 4.0  # m/s²/√Hz: of an acceleration that neither accelerometer nor 
 _LEAST_STEP = 1e-3  # s
 _AGE = 0.1  # s by which a satellite's speed may be late
 _LEAD_ERROR = 0.7  # 1σ of what is added to undo the low pass, as a share of it
+_NEVER = 1e6  # s
 _PATIENCE = 300  # samples for which a spinning or locked wheel may be refused
 
 
@@ -51,21 +57,24 @@ class JointState(NamedTuple):
     """State of :class:`Joint`.
 
     Attributes:
-        signals, forces, along, bank: the parts'.
+        watch, signals, trust, forces, along, bank: the parts'.
         lagged: (2, 2) the axles' slip angles but for v_y, and their F_y/F_z, both slowed.
         speed_age: s since anything told the speed.
-        fault_age: s for which some sensor has been refused or stuck.
+        fault_age: (8 + m,) s for which each inertial, steering and wheel signal has been refused or stuck, and
+            each of the filter's sensors refused.
         latest: what the forces were, for :meth:`Joint.estimate`.
         validity: code.
     """
 
+    watch: WatchState
     signals: SignalState
+    trust: PlausibilityState
     forces: ForceMeterState
     along: FilterState
     bank: BankState
     lagged: Float[Array, "2 2"]
     speed_age: Float[Array, ""]
-    fault_age: Float[Array, ""]
+    fault_age: Float[Array, " k"]
     latest: AxleForces
     validity: Int[Array, ""]
 
@@ -92,7 +101,7 @@ class Joint(Estimator[JointState]):
     without torques or altitude, a bias of the accelerometer from a slope.
 
     Attributes:
-        signals, forces, along, filter, contact, bank: the parts.
+        watch, signals, trust, forces, along, filter, contact, bank: the parts.
     """
 
     name: ClassVar[str] = "joint"
@@ -109,7 +118,9 @@ class Joint(Estimator[JointState]):
 
     channels: tuple[str, ...] = eqx.field(static=True)
     sensors: tuple[str, ...] = eqx.field(static=True)
+    watch: Watch
     signals: Intake
+    trust: Plausibility
     forces: ForceMeter
     along: AlongModel
     filter: KF
@@ -141,11 +152,14 @@ class Joint(Estimator[JointState]):
         }
         wheel = vehicle.wheels.radius * sensors.wheel_speed.noise
         aids = tuple(c for c in ("speed", "altitude", "vertical_speed") if c in available)
+        channels = tuple(dict.fromkeys((*signals.channels, *forces.channels, *aids)))
         sides = signals.has[ACCEL_Y] and signals.has[YAW_RATE]
         return cls(
-            channels=tuple(dict.fromkeys((*signals.channels, *forces.channels, *aids))),
+            channels=channels,
             sensors=model.sensors,
+            watch=Watch(channels),
             signals=signals,
+            trust=Plausibility(vehicle, available),
             forces=forces,
             along=model,
             filter=KF(gate=GateRule(patience=_PATIENCE)),
@@ -162,13 +176,15 @@ class Joint(Estimator[JointState]):
         """The prior; no sample has come."""
         zero = jnp.zeros(())
         return JointState(
+            watch=self.watch.init(),
             signals=self.signals.init(),
+            trust=self.trust.init(),
             forces=self.forces.init(),
             along=self.filter.init(self.along),
             bank=self.bank.init(),
             lagged=jnp.zeros((2, 2)),
             speed_age=zero + 1e6,
-            fault_age=zero,
+            fault_age=jnp.zeros(len(ROWS) + len(self.sensors)),
             latest=self.forces.nothing(),
             validity=jnp.asarray(int(Validity.SENSOR_MISSING)),
         )
@@ -176,22 +192,34 @@ class Joint(Estimator[JointState]):
     def step(self, state: JointState, sample: Sample, dt: Float[Array, ""]) -> tuple[JointState, Info]:
         """Signals, forces, motion along the road, then what goes on across it."""
         x, across = state.along.gaussian.mean, self.bank.merged(state.bank)[0]
-        held, seen = self.signals.read(state.signals, sample, x[SPEED], dt)
+        held, raw = self.signals.read(state.signals, sample, x[SPEED], dt)
+        verdict = self.trust.verdict(state.trust)
+        seen = self.trust.mend(state.trust, verdict, raw, x[SPEED])
         bias = x[BIAS] + x[SCALE] * state.latest.accel[0]
         error = jnp.stack([bias, jnp.zeros_like(bias)])
-        meter, forces = self.forces.read(state.forces, sample, seen, x[SPEED], error, dt)
-        u, z = self._along(state, held, seen, forces, sample, across[V_Y], dt)
+        meter, told = self.forces.read(state.forces, sample, seen, x[SPEED], error, dt)
+        forces = told._replace(age=jnp.where(verdict.lies[TORQUE], _NEVER, told.age))
+        u, z = self._along(state, held, seen, forces, sample, across[V_Y], dt, verdict.sign(ACCEL_X))
+        signal = z[self.sensors.index("speed")] if "speed" in self.sensors else jnp.full((), jnp.nan)
+        is_signal = np.array([s == "speed" for s in self.sensors])
+        z = jnp.where(verdict.lies[-1] & is_signal, jnp.nan, z)
         along, info = self.filter.step(self.along, state.along, u, z, dt)
         speed, speed_std = along.gaussian.mean[SPEED], along.gaussian.std[SPEED]
         gain = u.accel - along.gaussian.mean[SLOPE] - along.gaussian.mean[BIAS]
         lagged, touch = self.contact.touch(state.lagged, seen, forces, speed, speed_std, gain, dt)
         bank, likelihood = self.bank.step(state.bank, touch, dt)
+        # what was learnt from a sensor that lies may be wrong
+        afresh = jnp.any(verdict.lies)
+        bank = jax.tree.map(lambda new, prior: jnp.where(afresh, prior, new), bank, self.bank.init())
+        trust = self.trust.test(state.trust, raw, told, signal, speed, held.repeats >= REPEATS, dt)
         tells = np.array([s == "speed" or s in WHEEL_SPEEDS for s in self.sensors])
-        told = jnp.any(jnp.isfinite(z) & tells)
-        speed_age = jnp.where(told, 0.0, state.speed_age + dt)
-        faulty = jnp.any(seen.is_faulty) | jnp.any(along.rejected > 0)
+        speed_age = jnp.where(jnp.any(jnp.isfinite(z) & tells), 0.0, state.speed_age + dt)
+        faulty = jnp.concatenate([raw.is_faulty, along.rejected > 0])
         fault_age = jnp.where(faulty, state.fault_age + dt, 0.0)
-        new = JointState(held, meter, along, bank, lagged, speed_age, fault_age, forces, state.validity)
+        watch = self.watch.look(state.watch, sample, dt)
+        new = JointState(
+            watch, held, trust, meter, along, bank, lagged, speed_age, fault_age, forces, state.validity
+        )
         validity = self._validity(new, info)
         info = eqx.tree_at(lambda i: i.log_likelihood, info, info.log_likelihood + likelihood)
         return new._replace(validity=validity), info
@@ -205,13 +233,14 @@ class Joint(Estimator[JointState]):
         sample: Sample,
         velocity_y: Array,
         dt: Array,
+        sign: Array,
     ) -> tuple[AlongInput, Float[Array, " m"]]:
         """Input and measurement of the filter along the road."""
         x, spread = state.along.gaussian.mean, state.along.gaussian.std[SPEED]
         speed, step = x[SPEED], jnp.maximum(dt, _LEAST_STEP)
         felt = seen.age[ACCEL_X] < STALE
         before = jnp.where(
-            state.signals.age[ACCEL_X] < STALE, state.signals.value[ACCEL_X], seen.value[ACCEL_X]
+            state.signals.age[ACCEL_X] < STALE, sign * state.signals.value[ACCEL_X], seen.value[ACCEL_X]
         )
         raw = 0.5 * (seen.value[ACCEL_X] + before)
         by_torque = forces.explained + x[BIAS] + x[SCALE] * forces.accel[0]
@@ -264,8 +293,10 @@ class Joint(Estimator[JointState]):
         validity = jnp.where(state.latest.is_brake_unknown & ~sure, int(Validity.BRAKING), validity)
         stands = jnp.abs(state.along.gaussian.mean[SPEED]) < STANDSTILL_SPEED
         validity = jnp.where(stands, int(Validity.STANDSTILL), validity)
-        validity = jnp.where(state.fault_age > _FAULTY, int(Validity.SENSOR_FAULT), validity)
+        faults = self._faults(state)
+        validity = jnp.where(jnp.any(faults), int(Validity.SENSOR_FAULT), validity)
         silent = jnp.maximum(oldest, state.speed_age) > _SILENT
+        silent = silent | jnp.any(faults[: len(self.channels)])
         validity = jnp.where(silent, int(Validity.SENSOR_MISSING), validity)
         return jnp.where(info.ok, validity, int(Validity.DIVERGED))
 
@@ -324,7 +355,23 @@ class Joint(Estimator[JointState]):
             name = f"friction_peak{view}"
             tell(name, middle[i], spread[i])
             values[f"{name}_lower"], values[f"{name}_upper"] = low[i], high[i]
-        return Estimate(values, stds, state.validity)
+        return Estimate(values, stds, state.validity, self._faults(state))
+
+    @property
+    def fault_names(self) -> tuple[str, ...]:
+        """As :attr:`Estimator.fault_names`."""
+        return (
+            *(f"{c}: no samples any more" for c in self.channels),
+            *(f"{c}: a sample far off its neighbours" for c in self.channels),
+            *(f"{c or row}: stuck, or jumps as no car does" for row, c in zip(ROWS, self.signals.named, strict=True)),
+            *(f"{s}: refused, contradicts the motion" for s in self.sensors),
+            *self.trust.fault_names(self.signals.named),
+        )
+
+    def _faults(self, state: JointState) -> Bool[Array, " f"]:
+        watch, verdict = state.watch, self.trust.verdict(state.trust)
+        found = [watch.is_silent, watch.has_spikes, state.fault_age > _FAULTY, self.trust.faults(verdict)]
+        return jnp.concatenate(found)
 
     def _used(self, forces: AxleForces, lateral: Array, ahead: Array, bias_std: Array) -> tuple[Array, Array]:
         along, across = jnp.sum(forces.along), jnp.sum(lateral)
