@@ -34,6 +34,7 @@ _PATIENCE = 4  # samples in a row that a jump must last to be believed
 REPEATS = 40  # equal samples in a row after which a signal may be stuck
 # change meanwhile of what tells the same, m/s², m/s², rad/s, never, rad/s: then it is stuck
 _ACTIVE = (0.5, 0.8, 0.06, np.inf, 3.0, 3.0, 3.0, 3.0)
+_PER_ACCEL = 2.0  # rad/s per m/s²: that the acceleration changes tells as much of a wheel as that others do
 _NEVER = 1e6
 _LEAST_STEP = 1e-3  # s
 _SLOWEST = 1.0  # m/s below which a car's signals may well stand still
@@ -88,8 +89,8 @@ class Intake(eqx.Module):
 
     A sample that lies too far from the last one to be true is refused, until several in a row say the same. A
     signal that repeats itself to the last bit while its kin change (an accelerometer while the wheels'
-    acceleration changes, a gyroscope while the rear wheels' difference does, a wheel while the others do) is
-    stuck, and counts as missing.
+    acceleration changes, a gyroscope while the rear wheels' difference does, a wheel while the others
+    or the acceleration do) is stuck, and counts as missing.
 
     Attributes:
         channels: canonical channels read.
@@ -188,5 +189,5 @@ class Intake(eqx.Module):
         differ = state.smooth[SPIN][3] - state.smooth[SPIN][2] if self.has[6] and self.has[7] else 0.0
         turning = radius * differ / track
         across = speed * jnp.where(state.age[YAW_RATE] < STALE, state.smooth[YAW_RATE], turning)
-        others = (jnp.sum(value[SPIN]) - value[SPIN]) / 3
+        others = (jnp.sum(value[SPIN]) - value[SPIN]) / 3 + _PER_ACCEL * state.smooth[ACCEL_X]
         return jnp.concatenate([jnp.stack([0.5 * along, across, turning, jnp.zeros_like(along)]), others])

@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Float, Int
 from roadstate.core.channels import WHEELS
 from roadstate.core.constants import GRAVITY
 from roadstate.core.estimates import Validity
-from roadstate.core.gaussian import Info
+from roadstate.core.gaussian import Gaussian, Info
 from roadstate.estimators.along import BIAS, SCALE, SLOPE, SPEED, AlongInput, AlongModel
 from roadstate.estimators.base import Estimate, Estimator, Need, Sample, leaf
 from roadstate.estimators.contact_forces import AxleForces, ForceMeter, ForceMeterState
@@ -50,6 +50,8 @@ _LEAST_STEP = 1e-3  # s
 _AGE = 0.1  # s by which a satellite's speed may be late
 _LEAD_ERROR = 0.7  # 1σ of what is added to undo the low pass, as a share of it
 _NEVER = 1e6  # s
+_LATE_TIME = 0.5  # s: how long an error of a late signal lasts
+_CAUGHT = (2.0, 0.4)  # m/s and m/s²: 1σ of what a sensor's lies have done until they were found
 _PATIENCE = 300  # samples for which a spinning or locked wheel may be refused
 
 
@@ -203,6 +205,8 @@ class Joint(Estimator[JointState]):
         signal = z[self.sensors.index("speed")] if "speed" in self.sensors else jnp.full((), jnp.nan)
         is_signal = np.array([s == "speed" for s in self.sensors])
         z = jnp.where(verdict.lies[-1] & is_signal, jnp.nan, z)
+        watch = self.watch.look(state.watch, sample, dt)
+        u = self._late(u, watch.late, dt)
         along, info = self.filter.step(self.along, state.along, u, z, dt)
         speed, speed_std = along.gaussian.mean[SPEED], along.gaussian.std[SPEED]
         gain = u.accel - along.gaussian.mean[SLOPE] - along.gaussian.mean[BIAS]
@@ -216,13 +220,29 @@ class Joint(Estimator[JointState]):
         speed_age = jnp.where(jnp.any(jnp.isfinite(z) & tells), 0.0, state.speed_age + dt)
         faulty = jnp.concatenate([raw.is_faulty, along.rejected > 0])
         fault_age = jnp.where(faulty, state.fault_age + dt, 0.0)
-        watch = self.watch.look(state.watch, sample, dt)
+        # what has been learnt from a sensor that lies is not what it seems
+        caught = jnp.any(self.trust.verdict(trust).lies & (~verdict.lies))
+        along = along._replace(gaussian=self._doubted(along.gaussian, caught))
         new = JointState(
             watch, held, trust, meter, along, bank, lagged, speed_age, fault_age, forces, state.validity
         )
         validity = self._validity(new, info)
         info = eqx.tree_at(lambda i: i.log_likelihood, info, info.log_likelihood + likelihood)
         return new._replace(validity=validity), info
+
+    def _late(self, u: AlongInput, late: Array, dt: Array) -> AlongInput:
+        """With the errors of speeds that may be late since their channels were silent."""
+        places = [self.channels.index(s) if s in self.channels else -1 for s in self.sensors]
+        is_speed = np.array([s == "speed" or s in WHEEL_SPEEDS for s in self.sensors])
+        lag = jnp.where(is_speed, late[jnp.asarray(places)], 0.0)
+        lasting = jnp.sqrt(_LATE_TIME / jnp.maximum(dt, _LEAST_STEP))
+        return u._replace(sensor_std=jnp.hypot(u.sensor_std, lag * u.smooth_accel * lasting))
+
+    def _doubted(self, gaussian: Gaussian, caught: Array) -> Gaussian:
+        """Speed and slope less certain, where a sensor has just been caught."""
+        more = jnp.zeros_like(gaussian.mean).at[SPEED].set(_CAUGHT[0]).at[SLOPE].set(_CAUGHT[1])
+        scale = jnp.hypot(1.0, jnp.where(caught, more, 0.0) / jnp.maximum(gaussian.std, 1e-9))
+        return Gaussian(gaussian.mean, gaussian.factor * scale[:, None])
 
     def _along(
         self,

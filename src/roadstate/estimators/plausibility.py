@@ -23,6 +23,8 @@ _COUNT = len(TELLINGS)
 _SMOOTHING = 0.15  # s
 _SLOPE = (5.0, 0.5)  # s in which a slope's part is learnt, and the most that counts of its error, m/s²
 _AFTERWARDS = 1.0  # s that a wheel which has spun or locked takes to roll freely
+_AGREE = 0.25  # m/s² by which each of two may differ from their mean for a slope to be learnt from them
+_GRADE = 0.8  # m/s²: what a slope that has just begun may do
 _SETTLED = 0.5  # s for which a telling must have been there
 _LASTING = 0.2  # s: errors that are independent are so far apart
 _ALLOWED = 2.0  # squared deviations, over 2σ², that errors which last may make
@@ -62,7 +64,7 @@ class PlausibilityState(NamedTuple):
         evidence: (4, 13) that a channel's sign is swapped, while the others say more than 0, and less; that it
             is not right; that it is not right with its sign swapped either.
         reference: (13,) what the others say.
-        effort: m/s², how hard drive and brakes have acted of late.
+        effort: (4,) m/s², how hard drive and brakes have acted of late.
         speed: the speed signal.
     """
 
@@ -71,7 +73,7 @@ class PlausibilityState(NamedTuple):
     slope: Float[Array, ""]
     evidence: Float[Array, "4 13"]
     reference: Float[Array, " 13"]
-    effort: Float[Array, ""]
+    effort: Float[Array, " 4"]
     speed: Held
 
 
@@ -114,7 +116,7 @@ class Plausibility(eqx.Module):
         """Nothing is known of any."""
         none = jnp.zeros(_COUNT)
         zero = jnp.zeros(())
-        return PlausibilityState(none, none, zero, jnp.zeros((4, _COUNT)), none, zero, Held.empty())
+        return PlausibilityState(none, none, zero, jnp.zeros((4, _COUNT)), none, jnp.zeros(4), Held.empty())
 
     def fault_names(self, named: Sequence[str | None]) -> tuple[str, ...]:
         """What :meth:`faults` tells of, as sentences.
@@ -215,8 +217,9 @@ class Plausibility(eqx.Module):
         moves = jnp.asarray(DELAY) * (value - smooth) / _SMOOTHING
         variance = jnp.where(there, std, 0.0) ** 2 + moves**2
         ready = there & (since > _SETTLED)
-        felt, _, few = inner_mean(y[::2][:2], ready[::2][:2])
-        more = jnp.where(ready[_WHEELS] & (few > 0), felt - y[_WHEELS], 0.0)
+        felt, apart, few = inner_mean(y[::2][:2], ready[::2][:2])
+        learns = ready[_WHEELS] & (few > 0) & (apart < _AGREE**2)
+        more = jnp.where(learns, felt - y[_WHEELS], 0.0)
         slope = state.slope - jnp.expm1(-dt / _SLOPE[0]) * jnp.clip(more, -_SLOPE[1], _SLOPE[1])
         # wheels whose acceleration is wrong may agree with one another
         together = state.evidence[2, _WHEELS] > _LIES
@@ -225,13 +228,16 @@ class Plausibility(eqx.Module):
         reference, apart, count = inner_mean(jnp.broadcast_to(y, (_COUNT, _COUNT)), others)
         theirs = jnp.sum(jnp.where(others, variance, 0.0), axis=1) / jnp.maximum(count, 1.0)
         total = jnp.maximum(variance + theirs + apart, 1e-9)
-        right = 0.5 * (y - reference) ** 2 / total
+        # a slope is no fault of the wheels
+        right = 0.5 * (y - reference) ** 2 / (total + jnp.asarray(np.where(np.arange(_COUNT) == _WHEELS, _GRADE, 0.0) ** 2))
         wrong = 0.5 * (y + reference) ** 2 / total
         told_by = ready & (count >= jnp.asarray(_JURY))
         judged = ready & (count >= 2) & told.answers
         ratio = right - wrong
         over, under = jnp.where(reference > 0, ratio, 0.0), jnp.where(reference < 0, ratio, 0.0)
-        evidence = jnp.stack([over, under, right - _ALLOWED, wrong - _ALLOWED])
+        # what fits a swapped sign counts only where the right one would not
+        fits = jnp.where((wrong > _ALLOWED) | (right > _ALLOWED), wrong - _ALLOWED, 0.0)
+        evidence = jnp.stack([over, under, right - _ALLOWED, fits])
         evidence = jnp.where(told_by, jnp.clip(evidence, -_MOST, _MOST), 0.0) * (dt / _LASTING)
         lies = jnp.where(judged, evidence[2], -_FORGETS * dt)
         lies = jnp.where(told.impossible, _MOST * dt / _LASTING, lies)

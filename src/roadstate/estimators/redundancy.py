@@ -109,6 +109,7 @@ class Redundancy(eqx.Module):
         wheelbase: m.
         understeer: g⁻¹ (1/C_f − 1/C_r), s²/m.
         slip_stiffness: C_κ/F_z.
+        driven: (4,) which wheels the engine turns.
         has_wheels: whether any wheel's speed is measured.
         slowest: m/s below which directions are not known.
     """
@@ -118,6 +119,7 @@ class Redundancy(eqx.Module):
     wheelbase: Float[Array, ""]
     understeer: Float[Array, ""]
     slip_stiffness: Float[Array, ""]
+    driven: Bool[Array, " 4"]
     has_wheels: bool = eqx.field(static=True)
     slowest: float = eqx.field(static=True)
 
@@ -130,13 +132,16 @@ class Redundancy(eqx.Module):
             (1 / tires.cornering_stiffness_front - 1 / tires.cornering_stiffness_rear) / GRAVITY
         )
         self.slip_stiffness = leaf(tires.slip_stiffness)
+        ends = {"front": (True, False), "rear": (False, True), "all": (True, True)}[vehicle.driveline.driven]
+        self.driven = jnp.asarray(np.repeat(ends, 2))
         self.has_wheels = any(c.startswith("wheel_speed") for c in available)
         self.slowest = _SLOWEST[0 if "gear_ratio" in available else 1]
 
-    def effort(self, seen: Signals, forces: AxleForces) -> Float[Array, ""]:
-        """How hard drive and brakes act on the car, m/s²: what wheels may slip by depends on it."""
-        felt = jnp.where(seen.age[ACCEL_X] < STALE, jnp.abs(seen.smooth[ACCEL_X]), 0.0)
-        return jnp.maximum(jnp.abs(forces.drive) + jnp.abs(forces.brake), felt)
+    def effort(self, seen: Signals, forces: AxleForces) -> Float[Array, " 4"]:
+        """(4,) How hard drive and brakes act on the wheels, as m/s² of the car: by as much they may slip."""
+        felt = jnp.where(seen.age[ACCEL_X] < STALE, seen.smooth[ACCEL_X], 0.0)
+        braking = jnp.maximum(jnp.abs(forces.brake), -felt)
+        return jnp.where(self.driven, jnp.maximum(jnp.abs(forces.drive), felt), 0.0) + braking
 
     def tell(
         self,
@@ -144,7 +149,7 @@ class Redundancy(eqx.Module):
         forces: AxleForces,
         signal: Held,
         signal_rate: Float[Array, ""],
-        effort: Float[Array, ""],
+        effort: Float[Array, " 4"],
         speed: Float[Array, ""],
     ) -> Tellings:
         """What each way leads to.
@@ -154,7 +159,7 @@ class Redundancy(eqx.Module):
             forces: the latest.
             signal: speed signal, m/s.
             signal_rate: its rate, m/s².
-            effort: m/s², of late the most of :meth:`effort`.
+            effort: (4,) m/s², of late the most of :meth:`effort`.
             speed: the estimate so far, m/s.
         """
         smooth, known = seen.smooth, seen.age < STALE

@@ -14,6 +14,7 @@ from roadstate.estimators.base import Sample
 
 _SILENT = 0.25  # s without a sample, besides twice the longest usual gap
 _FORGETS = 60.0  # s after which a long gap is no longer usual
+_LATEST = 1.0  # s
 _ALARM = 0.5  # s for which a spike is told
 # by how much no channel changes from sample to sample, to be back at the next, if they are s apart at most
 _SPIKES = {
@@ -40,6 +41,7 @@ class WatchState(NamedTuple):
         age, interval: (n,) s since the latest, and between the two; huge before the first.
         gap: (n,) s, the longest usual interval; 0 before there is one.
         alarm: (n,) s for which a spike will still be told.
+        late: (n,) s by which a channel may be late since it was silent as long, as when its clock has jumped.
     """
 
     last: Float[Array, " n"]
@@ -48,6 +50,7 @@ class WatchState(NamedTuple):
     interval: Float[Array, " n"]
     gap: Float[Array, " n"]
     alarm: Float[Array, " n"]
+    late: Float[Array, " n"]
 
     @property
     def is_silent(self) -> Bool[Array, " n"]:
@@ -85,7 +88,7 @@ class Watch(eqx.Module):
     def init(self) -> WatchState:
         """Nothing has come."""
         none = jnp.zeros(len(self.channels))
-        return WatchState(none, none, none + 1e6, none + 1e6, none, none)
+        return WatchState(none, none, none + 1e6, none + 1e6, none, none, none)
 
     def look(self, state: WatchState, sample: Sample, dt: Float[Array, ""]) -> WatchState:
         """Take a sample ``dt`` (s) after the last."""
@@ -107,4 +110,7 @@ class Watch(eqx.Module):
             interval=jnp.where(seen, since, state.interval),
             gap=gap,
             alarm=jnp.where(spike, _ALARM, state.alarm - dt),
+            late=jnp.where(
+                seen & state.is_silent, jnp.minimum(since, _LATEST), state.late * jnp.exp(-dt / _FORGETS)
+            ),
         )
