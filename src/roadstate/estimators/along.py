@@ -9,7 +9,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import jax.scipy.linalg as jsl
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from roadstate.core.channels import WHEELS
 from roadstate.core.constants import GRAVITY
@@ -27,6 +27,7 @@ SPEED, SLOPE, SLOPE_RATE, BIAS, SCALE = range(5)
 _ACCEL_SCALE = 0.01  # 1σ of the accelerometer's scale
 _LASTING = 3600.0  # s over which what belongs to the car or its sensors keeps its value
 _BRAKE_LASTING = 600.0  # s: pads warm up
+_CAUGHT = (2.0, 0.4)  # m/s and m/s²: 1σ of what a sensor's lies do to speed and slope until they are found
 _WHEEL_SPREAD = 0.003  # 1σ of one wheel's radius against the others'
 
 
@@ -152,6 +153,14 @@ class AlongModel(StateSpaceModel):
     def sqrt_R(self, u: AlongInput) -> Float[Array, "m m"]:
         """Independent sensors."""
         return jnp.diag(u.sensor_std)
+
+    def doubt(self, gaussian: Gaussian, caught: Bool[Array, ""]) -> Gaussian:
+        """The same, less sure of all that a sensor may have spoilt which has just been caught lying."""
+        count = len(self.slow_std)
+        rest = jnp.zeros(len(self.states) - 3 - count)
+        more = jnp.concatenate([jnp.asarray([*_CAUGHT, 0.0]), self.slow_std, rest])
+        scale = jnp.hypot(1.0, jnp.where(caught, more, 0.0) / jnp.maximum(gaussian.std, 1e-9))
+        return Gaussian(gaussian.mean, gaussian.factor * scale[:, None])
 
     def prior(self) -> Gaussian:
         """Any speed a road car has, the road's own slope, any height on land."""

@@ -33,8 +33,7 @@ class Estimate(eqx.Module):
         values: quantity → scalar in SI.
         std: quantity → standard deviation (1σ).
         validity: :class:`roadstate.core.Validity` code.
-        faults: (f,) which of the estimator's :attr:`Estimator.fault_names` are there now; ``None`` of one that
-            tells of none.
+        faults: (f,) which of :attr:`Estimator.fault_names` are there now; ``None`` of one that tells of none.
     """
 
     values: dict[str, Float[Array, ""]]
@@ -89,7 +88,7 @@ class Estimator(eqx.Module, Generic[S]):
 
     @property
     def fault_names(self) -> tuple[str, ...]:
-        """Faults of sensors that :attr:`Estimate.faults` tells of, each as a sentence that names the channel."""
+        """Sensors' faults that :attr:`Estimate.faults` tells of, each a sentence with the channel's name."""
         return ()
 
     @classmethod

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import equinox as eqx
@@ -38,6 +38,14 @@ _PER_ACCEL = 2.0  # rad/s per m/s²: that the acceleration changes tells as much
 _NEVER = 1e6
 _LEAST_STEP = 1e-3  # s
 _SLOWEST = 1.0  # m/s below which a car's signals may well stand still
+
+
+def sensor_fault_names(named: Sequence[str | None], sensors: Sequence[str]) -> tuple[str, ...]:
+    """Sentences: each signal of :data:`ROWS` that is faulty, each sensor of a filter that is refused."""
+    return (
+        *(f"{name or row}: stuck, or jumps as no car does" for row, name in zip(ROWS, named, strict=True)),
+        *(f"{s}: refused, contradicts the motion" for s in sensors),
+    )
 
 
 class SignalState(NamedTuple):

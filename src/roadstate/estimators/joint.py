@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Float, Int
 from roadstate.core.channels import WHEELS
 from roadstate.core.constants import GRAVITY
 from roadstate.core.estimates import Validity
-from roadstate.core.gaussian import Gaussian, Info
+from roadstate.core.gaussian import Info
 from roadstate.estimators.along import BIAS, SCALE, SLOPE, SPEED, AlongInput, AlongModel
 from roadstate.estimators.base import Estimate, Estimator, Need, Sample, leaf
 from roadstate.estimators.contact_forces import AxleForces, ForceMeter, ForceMeterState
@@ -31,6 +31,7 @@ from roadstate.estimators.intake import (
     Intake,
     Signals,
     SignalState,
+    sensor_fault_names,
 )
 from roadstate.estimators.plausibility import TORQUE, Plausibility, PlausibilityState
 from roadstate.estimators.signals import STANDSTILL_SPEED
@@ -51,7 +52,6 @@ _AGE = 0.1  # s by which a satellite's speed may be late
 _LEAD_ERROR = 0.7  # 1σ of what is added to undo the low pass, as a share of it
 _NEVER = 1e6  # s
 _LATE_TIME = 0.5  # s: how long an error of a late signal lasts
-_CAUGHT = (2.0, 0.4)  # m/s and m/s²: 1σ of what a sensor's lies have done until they were found
 _PATIENCE = 300  # samples for which a spinning or locked wheel may be refused
 
 
@@ -62,8 +62,8 @@ class JointState(NamedTuple):
         watch, signals, trust, forces, along, bank: the parts'.
         lagged: (2, 2) the axles' slip angles but for v_y, and their F_y/F_z, both slowed.
         speed_age: s since anything told the speed.
-        fault_age: (8 + m,) s for which each inertial, steering and wheel signal has been refused or stuck, and
-            each of the filter's sensors refused.
+        fault_age: (8 + m,) s for which each inertial, steering and wheel signal has been refused or stuck,
+            and each of the filter's sensors refused.
         latest: what the forces were, for :meth:`Joint.estimate`.
         validity: code.
     """
@@ -206,11 +206,15 @@ class Joint(Estimator[JointState]):
         is_signal = np.array([s == "speed" for s in self.sensors])
         z = jnp.where(verdict.lies[-1] & is_signal, jnp.nan, z)
         watch = self.watch.look(state.watch, sample, dt)
-        u = self._late(u, watch.late, dt)
+        lag = self.watch.lateness(watch, self.sensors)
+        lasting = jnp.sqrt(_LATE_TIME / jnp.maximum(dt, _LEAST_STEP))
+        u = u._replace(sensor_std=jnp.hypot(u.sensor_std, lag * u.smooth_accel * lasting))
         along, info = self.filter.step(self.along, state.along, u, z, dt)
         speed, speed_std = along.gaussian.mean[SPEED], along.gaussian.std[SPEED]
         gain = u.accel - along.gaussian.mean[SLOPE] - along.gaussian.mean[BIAS]
         lagged, touch = self.contact.touch(state.lagged, seen, forces, speed, speed_std, gain, dt)
+        late = self.watch.lateness(watch, WHEEL_SPEEDS) * gain / jnp.maximum(jnp.abs(speed), 1.0)
+        touch = touch._replace(slip_std=jnp.hypot(touch.slip_std, late))
         bank, likelihood = self.bank.step(state.bank, touch, dt)
         # what was learnt from a sensor that lies may be wrong
         afresh = jnp.any(verdict.lies)
@@ -222,27 +226,13 @@ class Joint(Estimator[JointState]):
         fault_age = jnp.where(faulty, state.fault_age + dt, 0.0)
         # what has been learnt from a sensor that lies is not what it seems
         caught = jnp.any(self.trust.verdict(trust).lies & (~verdict.lies))
-        along = along._replace(gaussian=self._doubted(along.gaussian, caught))
+        along = along._replace(gaussian=self.along.doubt(along.gaussian, caught))
         new = JointState(
             watch, held, trust, meter, along, bank, lagged, speed_age, fault_age, forces, state.validity
         )
         validity = self._validity(new, info)
         info = eqx.tree_at(lambda i: i.log_likelihood, info, info.log_likelihood + likelihood)
         return new._replace(validity=validity), info
-
-    def _late(self, u: AlongInput, late: Array, dt: Array) -> AlongInput:
-        """With the errors of speeds that may be late since their channels were silent."""
-        places = [self.channels.index(s) if s in self.channels else -1 for s in self.sensors]
-        is_speed = np.array([s == "speed" or s in WHEEL_SPEEDS for s in self.sensors])
-        lag = jnp.where(is_speed, late[jnp.asarray(places)], 0.0)
-        lasting = jnp.sqrt(_LATE_TIME / jnp.maximum(dt, _LEAST_STEP))
-        return u._replace(sensor_std=jnp.hypot(u.sensor_std, lag * u.smooth_accel * lasting))
-
-    def _doubted(self, gaussian: Gaussian, caught: Array) -> Gaussian:
-        """Speed and slope less certain, where a sensor has just been caught."""
-        more = jnp.zeros_like(gaussian.mean).at[SPEED].set(_CAUGHT[0]).at[SLOPE].set(_CAUGHT[1])
-        scale = jnp.hypot(1.0, jnp.where(caught, more, 0.0) / jnp.maximum(gaussian.std, 1e-9))
-        return Gaussian(gaussian.mean, gaussian.factor * scale[:, None])
 
     def _along(
         self,
@@ -380,13 +370,8 @@ class Joint(Estimator[JointState]):
     @property
     def fault_names(self) -> tuple[str, ...]:
         """As :attr:`Estimator.fault_names`."""
-        return (
-            *(f"{c}: no samples any more" for c in self.channels),
-            *(f"{c}: a sample far off its neighbours" for c in self.channels),
-            *(f"{c or row}: stuck, or jumps as no car does" for row, c in zip(ROWS, self.signals.named, strict=True)),
-            *(f"{s}: refused, contradicts the motion" for s in self.sensors),
-            *self.trust.fault_names(self.signals.named),
-        )
+        own = sensor_fault_names(self.signals.named, self.sensors)
+        return (*self.watch.fault_names, *own, *self.trust.fault_names(self.signals.named))
 
     def _faults(self, state: JointState) -> Bool[Array, " f"]:
         watch, verdict = state.watch, self.trust.verdict(state.trust)

@@ -27,7 +27,7 @@ _AGREE = 0.25  # m/s² by which each of two may differ from their mean for a slo
 _GRADE = 0.8  # m/s²: what a slope that has just begun may do
 _SETTLED = 0.5  # s for which a telling must have been there
 _LASTING = 0.2  # s: errors that are independent are so far apart
-_ALLOWED = 2.0  # squared deviations, over 2σ², that errors which last may make
+_ALLOWED = 1.0  # squared deviations, over 2σ², that errors which last may make
 _MOST = 4.0  # evidence that one such time can give
 _LIES = 8.0  # evidence from which on a channel is left out
 _SWAPPED = 14.0  # and from which on its sign is taken for swapped: odds of 10⁶
@@ -61,8 +61,8 @@ class PlausibilityState(NamedTuple):
         since: (13,) s for which each of :data:`~roadstate.estimators.redundancy.TELLINGS` has been there.
         smooth: (13,) low-passed.
         slope: what a slope adds to the wheels' acceleration, m/s².
-        evidence: (4, 13) that a channel's sign is swapped, while the others say more than 0, and less; that it
-            is not right; that it is not right with its sign swapped either.
+        evidence: (4, 13) that a channel's sign is swapped, while the others say more than 0, and less; that
+            it is not right; that it is not right with its sign swapped either.
         reference: (13,) what the others say.
         effort: (4,) m/s², how hard drive and brakes have acted of late.
         speed: the speed signal.
@@ -100,8 +100,9 @@ class Plausibility(eqx.Module):
     as long as q has the other sign: so the test of the sign is one for each sign of q, and takes both.
 
     A channel that repeats its last value to the bit does not gain credit by what it says. A channel can be
-    accused where two others agree, the sign of the longitudinal accelerometer also by the
-    wheels alone, whose acceleration a slope makes differ from it, slowly. A sign that has proved right for long takes as much more to be doubted.
+    accused where two others agree, the sign of the longitudinal accelerometer also by the wheels alone, whose
+    acceleration a slope makes differ from it, slowly. A sign that has proved right for long takes as much
+    more to be doubted.
 
     Attributes:
         redundancy: what tells the same.
@@ -130,8 +131,8 @@ class Plausibility(eqx.Module):
         accused = [names[name] for name in np.array(TELLINGS)[_ACCUSED]]
         return (
             *(
-                f"{name}: left and right swapped, or the signs of yaw rate, lateral acceleration and steering "
-                "all wrong (put right here); mend the mapping"
+                f"{name}: left and right swapped, or yaw rate, lateral acceleration and steering all with "
+                "the wrong sign (put right here); mend the mapping"
                 if name.endswith(" wheels")
                 else f"{name}: wrong sign (put right here); flip it in the mapping"
                 for name in signed
@@ -229,7 +230,8 @@ class Plausibility(eqx.Module):
         theirs = jnp.sum(jnp.where(others, variance, 0.0), axis=1) / jnp.maximum(count, 1.0)
         total = jnp.maximum(variance + theirs + apart, 1e-9)
         # a slope is no fault of the wheels
-        right = 0.5 * (y - reference) ** 2 / (total + jnp.asarray(np.where(np.arange(_COUNT) == _WHEELS, _GRADE, 0.0) ** 2))
+        steep = np.where(np.arange(_COUNT) == _WHEELS, _GRADE, 0.0)
+        right = 0.5 * (y - reference) ** 2 / (total + steep**2)
         wrong = 0.5 * (y + reference) ** 2 / total
         told_by = ready & (count >= jnp.asarray(_JURY))
         judged = ready & (count >= 2) & told.answers

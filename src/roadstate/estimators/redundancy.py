@@ -61,9 +61,7 @@ class Tellings(NamedTuple):
     impossible: Bool[Array, " 13"]
 
 
-def inner_mean(
-    values: Float[Array, "... k"], present: Bool[Array, "... k"]
-) -> tuple[Float[Array, "..."], Float[Array, "..."], Float[Array, "..."]]:
+def inner_mean(values: Float[Array, "... k"], present: Bool[Array, "... k"]) -> tuple[Array, Array, Array]:
     """Mean of those present but for the least and the largest (of three or more), variance, and their number.
 
     One that lies is either among the two left out or between the others.
@@ -225,7 +223,8 @@ class Redundancy(eqx.Module):
         rims = self.radius * spin * turn + half * rate
         rims_std = _WHEEL[0] + jnp.abs(speed) * (_WHEEL[1] + 2 * slip)
         free = used < _HELD
-        backward = has_spin & (rims * jnp.sign(speed) < -_BACKWARD * jnp.maximum(jnp.abs(speed), self.slowest))
+        least = -_BACKWARD * jnp.maximum(jnp.abs(speed), self.slowest)
+        backward = has_spin & (rims * jnp.sign(speed) < least)
         backward = backward & (jnp.sum(backward) < 2)
         value = jnp.concatenate([jnp.stack(along), *turning, rims, signal.value[None]])
         signal_std = jnp.hypot(_SPEED[0], _SPEED[1] * speed)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from fnmatch import fnmatchcase
 from typing import NamedTuple
 
@@ -89,6 +90,20 @@ class Watch(eqx.Module):
         """Nothing has come."""
         none = jnp.zeros(len(self.channels))
         return WatchState(none, none, none + 1e6, none + 1e6, none, none, none)
+
+    @property
+    def fault_names(self) -> tuple[str, ...]:
+        """What :attr:`WatchState.is_silent` and :attr:`WatchState.has_spikes` tell of, as sentences."""
+        return (
+            *(f"{c}: no samples any more" for c in self.channels),
+            *(f"{c}: a sample far off its neighbours" for c in self.channels),
+        )
+
+    def lateness(self, state: WatchState, sensors: Sequence[str]) -> Float[Array, " m"]:
+        """(m,) s by which speeds may be late; 0 for what is no speed, or not watched."""
+        places = [self.channels.index(s) if s in self.channels else 0 for s in sensors]
+        counts = np.array([s in self.channels and s.startswith(("speed", "wheel_speed")) for s in sensors])
+        return jnp.where(counts, state.late[jnp.asarray(places)], 0.0)
 
     def look(self, state: WatchState, sample: Sample, dt: Float[Array, ""]) -> WatchState:
         """Take a sample ``dt`` (s) after the last."""

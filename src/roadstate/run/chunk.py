@@ -104,7 +104,9 @@ def faults_found(
     for i in np.flatnonzero(faults.any(axis=0)):
         when = time[faults[:, i]]
         share = float(np.mean(faults[:, i]))
-        found.append({"fault": names[i], "first_s": float(when[0]), "last_s": float(when[-1]), "share": share})
+        found.append(
+            {"fault": names[i], "first_s": float(when[0]), "last_s": float(when[-1]), "share": share}
+        )
     return sorted(found, key=lambda one: one["first_s"])
 
 
