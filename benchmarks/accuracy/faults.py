@@ -35,8 +35,8 @@ _SAYS_SO = (Validity.SENSOR_MISSING, Validity.DIVERGED, Validity.SENSOR_FAULT)
 _SPIKES = 2.0  # per second
 _JUMP = 0.5  # s
 _SURE = 3.0  # σ of what tells the same, from which on a deviation can be told
-# sensor → what tells the same, and how well: 1σ in the channel's unit. It follows from errors of the plant and
-# the file: 15 % of a torque, a slope or bank of 5 to 8 %, slips of 3 % at 10 m/s, stiffnesses off by 10 %
+# sensor → what tells the same, and how well: 1σ in the unit of the channel. It follows from errors of plant
+# and file: 15 % of a torque, a slope or bank of 5 to 8 %, slips of 3 % at 10 m/s, stiffnesses off by 10 %
 REDUNDANCY: dict[str, tuple[str, float]] = {
     "accel_x": ("torques; wheels, but for the slope", 0.45),
     "accel_y": ("v r, but for the bank", 0.8),

@@ -216,17 +216,17 @@ class Joint(Estimator[JointState]):
         late = self.watch.lateness(watch, WHEEL_SPEEDS) * gain / jnp.maximum(jnp.abs(speed), 1.0)
         touch = touch._replace(slip_std=jnp.hypot(touch.slip_std, late))
         bank, likelihood = self.bank.step(state.bank, touch, dt)
-        # what was learnt from a sensor that lies may be wrong
-        afresh = jnp.any(verdict.lies)
-        bank = jax.tree.map(lambda new, prior: jnp.where(afresh, prior, new), bank, self.bank.init())
         trust = self.trust.test(state.trust, raw, told, signal, speed, held.repeats >= REPEATS, dt)
+        now = self.trust.verdict(trust)
+        caught = jnp.any((now.lies & (~verdict.lies)) | (now.swapped & (~verdict.swapped)))
+        # what was learnt from a sensor that lies may be wrong
+        along = along._replace(gaussian=self.along.doubt(along.gaussian, caught))
+        afresh = jnp.any(verdict.lies) | caught
+        bank = jax.tree.map(lambda new, prior: jnp.where(afresh, prior, new), bank, self.bank.init())
         tells = np.array([s == "speed" or s in WHEEL_SPEEDS for s in self.sensors])
         speed_age = jnp.where(jnp.any(jnp.isfinite(z) & tells), 0.0, state.speed_age + dt)
         faulty = jnp.concatenate([raw.is_faulty, along.rejected > 0])
         fault_age = jnp.where(faulty, state.fault_age + dt, 0.0)
-        # what has been learnt from a sensor that lies is not what it seems
-        caught = jnp.any(self.trust.verdict(trust).lies & (~verdict.lies))
-        along = along._replace(gaussian=self.along.doubt(along.gaussian, caught))
         new = JointState(
             watch, held, trust, meter, along, bank, lagged, speed_age, fault_age, forces, state.validity
         )

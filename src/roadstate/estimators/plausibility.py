@@ -31,6 +31,7 @@ _ALLOWED = 1.0  # squared deviations, over 2σ², that errors which last may mak
 _MOST = 4.0  # evidence that one such time can give
 _LIES = 8.0  # evidence from which on a channel is left out
 _SWAPPED = 14.0  # and from which on its sign is taken for swapped: odds of 10⁶
+_ONE_SIDED = 4.0  # times as much, where bends of one side only, or no brake, have been seen
 _TRUST = 10.0  # times as much, at most, is remembered in favour of a sign
 _FORGETS = 0.5  # 1/s: evidence lost while nothing can be tested
 # which tellings may have a swapped sign, and by how many others it takes to say so
@@ -94,10 +95,11 @@ class Plausibility(eqx.Module):
     With e of variance σ², that of y and of q and of the others' disagreement, three hypotheses: y = q + e,
     y = −q + e, and neither. For swapped against right the evidence is the logarithm of the likelihood ratio,
     ((y − q)² − (y + q)²)/2σ² = −2 y q/σ² for each time in which errors become independent: a sequential
-    probability ratio test (Wald 1945), which has nothing to say where q is small. For neither it is
+    probability ratio test (Wald 1945), applied where q exceeds σ. For neither it is
     (y − q)²/2σ² beyond what errors that last can make, summed up from zero (Page 1954, *Biometrika* 41).
     Evidence of one time is limited, so that no brief disturbance decides. An offset looks like a swapped sign
-    as long as q has the other sign: so the test of the sign is one for each sign of q, and takes both.
+    as long as q has the other sign: so the test of the sign is one for each sign of q, and takes both, or
+    much of one (not from a pair of wheels, where a soft tire makes a large offset).
 
     A channel that repeats its last value to the bit does not gain credit by what it says. A channel can be
     accused where two others agree, the sign of the longitudinal accelerometer also by the wheels alone, whose
@@ -148,7 +150,9 @@ class Plausibility(eqx.Module):
     def verdict(self, state: PlausibilityState) -> Verdict:
         """What is thought of each now."""
         plus, minus, right, swapped = state.evidence
-        is_swapped = (jnp.minimum(plus, minus) > _SWAPPED) & (swapped < _LIES) & jnp.asarray(_SIGNED)
+        both, one = jnp.minimum(plus, minus) > _SWAPPED, jnp.maximum(plus, minus) > _ONE_SIDED * _SWAPPED
+        one = one & (jnp.minimum(plus, minus) > -_SWAPPED) & jnp.asarray(_ACCUSED)
+        is_swapped = (both | one) & (swapped < _LIES) & jnp.asarray(_SIGNED)
         return Verdict(is_swapped, (right > _LIES) & (~is_swapped) & jnp.asarray(_ACCUSED))
 
     def mend(
@@ -235,7 +239,7 @@ class Plausibility(eqx.Module):
         wrong = 0.5 * (y + reference) ** 2 / total
         told_by = ready & (count >= jnp.asarray(_JURY))
         judged = ready & (count >= 2) & told.answers
-        ratio = right - wrong
+        ratio = jnp.where(reference**2 > total, right - wrong, 0.0)  # small offsets must not add up
         over, under = jnp.where(reference > 0, ratio, 0.0), jnp.where(reference < 0, ratio, 0.0)
         # what fits a swapped sign counts only where the right one would not
         fits = jnp.where((wrong > _ALLOWED) | (right > _ALLOWED), wrong - _ALLOWED, 0.0)
@@ -245,7 +249,7 @@ class Plausibility(eqx.Module):
         lies = jnp.where(told.impossible, _MOST * dt / _LASTING, lies)
         repeats = jnp.append(frozen, jnp.stack([jnp.all(frozen[SPIN]), jnp.zeros((), bool)]))[_SOURCE]
         evidence = evidence.at[2].set(jnp.where(repeats, jnp.maximum(lies, 0.0), lies))
-        least = jnp.asarray([[-_TRUST * _SWAPPED], [-_TRUST * _SWAPPED], [0.0], [0.0]])
-        most = jnp.asarray([[2 * _SWAPPED], [2 * _SWAPPED], [2 * _LIES], [2 * _LIES]])
+        least = jnp.asarray([-_TRUST * _SWAPPED, -_TRUST * _SWAPPED, 0.0, 0.0])[:, None]
+        most = jnp.asarray([(_ONE_SIDED + 1) * _SWAPPED] * 2 + [2 * _LIES] * 2)[:, None]
         raised = jnp.clip(state.evidence + evidence, least, most)
         return PlausibilityState(since, smooth, slope, raised, reference, effort, held)
