@@ -27,7 +27,7 @@ SPEED, SLOPE, SLOPE_RATE, BIAS, SCALE = range(5)
 _ACCEL_SCALE = 0.01  # 1σ of the accelerometer's scale
 _LASTING = 3600.0  # s over which what belongs to the car or its sensors keeps its value
 _BRAKE_LASTING = 600.0  # s: pads warm up
-_CAUGHT = (2.0, 0.4)  # m/s and m/s²: 1σ of what a sensor's lies do to speed and slope until they are found
+_CAUGHT = 2.0  # m/s: 1σ of what a sensor's lies do to the speed until they are found
 _WHEEL_SPREAD = 0.003  # 1σ of one wheel's radius against the others'
 
 
@@ -155,12 +155,16 @@ class AlongModel(StateSpaceModel):
         return jnp.diag(u.sensor_std)
 
     def doubt(self, gaussian: Gaussian, caught: Bool[Array, ""]) -> Gaussian:
-        """The same, less sure of all that a sensor may have spoilt which has just been caught lying."""
-        count = len(self.slow_std)
-        rest = jnp.zeros(len(self.states) - 3 - count)
-        more = jnp.concatenate([jnp.asarray([*_CAUGHT, 0.0]), self.slow_std, rest])
-        scale = jnp.hypot(1.0, jnp.where(caught, more, 0.0) / jnp.maximum(gaussian.std, 1e-9))
-        return Gaussian(gaussian.mean, gaussian.factor * scale[:, None])
+        """The prior but for speed and height, where a sensor has just been caught lying; else the same.
+
+        What has been learnt of the slope, biases and the car may all come from that sensor.
+        """
+        prior = self.prior()
+        count = 3 + len(self.slow_std)
+        kept = (np.arange(len(self.states)) == SPEED) | (np.arange(len(self.states)) >= count)
+        factor = prior.factor.at[SPEED, SPEED].set(_CAUGHT)
+        mean = jnp.where(caught & (~kept), prior.mean, gaussian.mean)
+        return Gaussian(mean, jnp.where(caught, factor, gaussian.factor))
 
     def prior(self) -> Gaussian:
         """Any speed a road car has, the road's own slope, any height on land."""

@@ -34,6 +34,7 @@ from roadstate.estimators.intake import (
     sensor_fault_names,
 )
 from roadstate.estimators.plausibility import TORQUE, Plausibility, PlausibilityState
+from roadstate.estimators.redundancy import GROUP, YAW
 from roadstate.estimators.signals import STANDSTILL_SPEED
 from roadstate.estimators.tire_contact import TireContact
 from roadstate.estimators.watch import Watch, WatchState
@@ -51,6 +52,7 @@ _LEAST_STEP = 1e-3  # s
 _AGE = 0.1  # s by which a satellite's speed may be late
 _LEAD_ERROR = 0.7  # 1σ of what is added to undo the low pass, as a share of it
 _NEVER = 1e6  # s
+_AFRESH = 0.4  # s until what is slowed has forgotten a sensor that lied
 _LATE_TIME = 0.5  # s: how long an error of a late signal lasts
 _PATIENCE = 300  # samples for which a spinning or locked wheel may be refused
 
@@ -62,6 +64,7 @@ class JointState(NamedTuple):
         watch, signals, trust, forces, along, bank: the parts'.
         lagged: (2, 2) the axles' slip angles but for v_y, and their F_y/F_z, both slowed.
         speed_age: s since anything told the speed.
+        doubt: s for which nothing is learnt of friction yet, since a sensor was caught.
         fault_age: (8 + m,) s for which each inertial, steering and wheel signal has been refused or stuck,
             and each of the filter's sensors refused.
         latest: what the forces were, for :meth:`Joint.estimate`.
@@ -76,6 +79,7 @@ class JointState(NamedTuple):
     bank: BankState
     lagged: Float[Array, "2 2"]
     speed_age: Float[Array, ""]
+    doubt: Float[Array, ""]
     fault_age: Float[Array, " k"]
     latest: AxleForces
     validity: Int[Array, ""]
@@ -186,6 +190,7 @@ class Joint(Estimator[JointState]):
             bank=self.bank.init(),
             lagged=jnp.zeros((2, 2)),
             speed_age=zero + 1e6,
+            doubt=zero,
             fault_age=jnp.zeros(len(ROWS) + len(self.sensors)),
             latest=self.forces.nothing(),
             validity=jnp.asarray(int(Validity.SENSOR_MISSING)),
@@ -218,17 +223,31 @@ class Joint(Estimator[JointState]):
         bank, likelihood = self.bank.step(state.bank, touch, dt)
         trust = self.trust.test(state.trust, raw, told, signal, speed, held.repeats >= REPEATS, dt)
         now = self.trust.verdict(trust)
-        caught = jnp.any((now.lies & (~verdict.lies)) | (now.swapped & (~verdict.swapped)))
+        found = (now.lies & (~verdict.lies)) | (now.swapped & (~verdict.swapped))
+        caught = jnp.any(found)
         # what was learnt from a sensor that lies may be wrong
-        along = along._replace(gaussian=self.along.doubt(along.gaussian, caught))
-        afresh = jnp.any(verdict.lies) | caught
+        spoilt = jnp.any(found & (GROUP != YAW))
+        along = along._replace(gaussian=self.along.doubt(along.gaussian, spoilt))
+        doubt = jnp.where(jnp.any(verdict.lies) | caught, _AFRESH, state.doubt - dt)
+        afresh = doubt > 0
         bank = jax.tree.map(lambda new, prior: jnp.where(afresh, prior, new), bank, self.bank.init())
         tells = np.array([s == "speed" or s in WHEEL_SPEEDS for s in self.sensors])
         speed_age = jnp.where(jnp.any(jnp.isfinite(z) & tells), 0.0, state.speed_age + dt)
         faulty = jnp.concatenate([raw.is_faulty, along.rejected > 0])
         fault_age = jnp.where(faulty, state.fault_age + dt, 0.0)
         new = JointState(
-            watch, held, trust, meter, along, bank, lagged, speed_age, fault_age, forces, state.validity
+            watch,
+            held,
+            trust,
+            meter,
+            along,
+            bank,
+            lagged,
+            speed_age,
+            doubt,
+            fault_age,
+            forces,
+            state.validity,
         )
         validity = self._validity(new, info)
         info = eqx.tree_at(lambda i: i.log_likelihood, info, info.log_likelihood + likelihood)

@@ -160,7 +160,7 @@ class Plausibility(eqx.Module):
     ) -> Signals:
         """Signals with swapped signs put right, swapped sides too, and without those that lie.
 
-        In place of an acceleration or yaw rate that lies comes what others say of it.
+        In place of an acceleration or yaw rate that lies or is missing comes what others say of it.
         """
         rows = jnp.asarray(_ROWS)
         sign = jnp.where(verdict.swapped[rows], -1.0, 1.0)
@@ -171,7 +171,7 @@ class Plausibility(eqx.Module):
         along = state.smooth[_WHEELS]
         across, turning = (state.reference[_ROWS[row]] for row in (ACCEL_Y, YAW_RATE))
         instead = jnp.concatenate([jnp.stack([along, across * speed, turning]), jnp.zeros(5)])
-        replaced = lies & (np.arange(8) <= YAW_RATE)
+        replaced = (lies | (seen.age >= STALE)) & (np.arange(8) <= YAW_RATE)
 
         def put_right(values: Array, other: Array) -> Array:
             spin = values[SPIN]

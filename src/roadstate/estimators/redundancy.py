@@ -26,6 +26,7 @@ TELLINGS = (
 )
 """The ways, in three groups: longitudinal specific force, yaw rate, speed."""
 GROUP = np.array([0, 0, 0, 1, 1, 1, 1, 1, 2, 2, 2, 2, 2])
+YAW = 1
 DELAY = np.array([0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.2, 0.2, 0.1, 0.1, 0.1, 0.1, 0.2])
 """s by which a telling may be late against the others of its group: signals come up to 0.1 s late, a car
 answers its steering, and v̇_y takes its part of a_y, later by as much again."""
