@@ -200,8 +200,8 @@ class Joint(Estimator[JointState]):
         """Signals, forces, motion along the road, then what goes on across it."""
         x, across = state.along.gaussian.mean, self.bank.merged(state.bank)[0]
         held, raw = self.signals.read(state.signals, sample, x[SPEED], dt)
-        verdict = self.trust.verdict(state.trust)
-        seen = self.trust.mend(state.trust, verdict, raw, x[SPEED])
+        raw, verdict = once((raw, self.trust.verdict(state.trust)))
+        seen = once(self.trust.mend(state.trust, verdict, raw, x[SPEED]))
         bias = x[BIAS] + x[SCALE] * state.latest.accel[0]
         error = jnp.stack([bias, jnp.zeros_like(bias)])
         meter, told = self.forces.read(state.forces, sample, seen, x[SPEED], error, dt)
@@ -210,7 +210,7 @@ class Joint(Estimator[JointState]):
         signal = z[self.sensors.index("speed")] if "speed" in self.sensors else jnp.full((), jnp.nan)
         is_signal = np.array([s == "speed" for s in self.sensors])
         z = jnp.where(verdict.lies[-1] & is_signal, jnp.nan, z)
-        watch = self.watch.look(state.watch, sample, dt)
+        watch = once(self.watch.look(state.watch, sample, dt))
         lag = self.watch.lateness(watch, self.sensors)
         lasting = jnp.sqrt(_LATE_TIME / jnp.maximum(dt, _LEAST_STEP))
         u = u._replace(sensor_std=jnp.hypot(u.sensor_std, lag * u.smooth_accel * lasting))
@@ -222,7 +222,7 @@ class Joint(Estimator[JointState]):
         touch = touch._replace(slip_std=jnp.hypot(touch.slip_std, late))
         bank, likelihood = self.bank.step(state.bank, touch, dt)
         trust = self.trust.test(state.trust, raw, told, signal, speed, held.repeats >= REPEATS, dt)
-        now = self.trust.verdict(trust)
+        trust, now = once((trust, self.trust.verdict(trust)))
         found = (now.lies & (~verdict.lies)) | (now.swapped & (~verdict.swapped))
         caught = jnp.any(found)
         # what was learnt from a sensor that lies may be wrong
@@ -230,7 +230,7 @@ class Joint(Estimator[JointState]):
         along = along._replace(gaussian=self.along.doubt(along.gaussian, spoilt))
         doubt = jnp.where(jnp.any(verdict.lies) | caught, _AFRESH, state.doubt - dt)
         afresh = doubt > 0
-        bank = jax.tree.map(lambda new, prior: jnp.where(afresh, prior, new), bank, self.bank.init())
+        bank = jax.lax.cond(afresh, lambda kept: self.bank.init(), lambda kept: kept, bank)
         tells = np.array([s == "speed" or s in WHEEL_SPEEDS for s in self.sensors])
         speed_age = jnp.where(jnp.any(jnp.isfinite(z) & tells), 0.0, state.speed_age + dt)
         faulty = jnp.concatenate([raw.is_faulty, along.rejected > 0])
