@@ -15,7 +15,7 @@ from roadstate.estimators.base import Sample
 
 _SILENT = 0.25  # s without a sample, besides twice the longest usual gap
 _FORGETS = 60.0  # s after which a long gap is no longer usual
-_LATEST = 1.0  # s
+_LATEST = 1.0  # s: a longer silence is no jump of a clock, and what comes after it is in time
 _ALARM = 0.5  # s for which a spike is told
 # by how much no channel changes from sample to sample, to be back at the next, if they are s apart at most
 _SPIKES = {
@@ -117,6 +117,7 @@ class Watch(eqx.Module):
         there, back = state.last - state.before, now - state.last
         far = jnp.minimum(jnp.abs(there), jnp.abs(back)) > self._most
         home = jnp.abs(there + back) < 0.5 * self._most
+        silence = jnp.where(since <= _LATEST, since, 0.0)
         spike = seen & far & home & (jnp.maximum(since, state.interval) < self._short)
         return WatchState(
             last=now,
@@ -125,7 +126,5 @@ class Watch(eqx.Module):
             interval=jnp.where(seen, since, state.interval),
             gap=gap,
             alarm=jnp.where(spike, _ALARM, state.alarm - dt),
-            late=jnp.where(
-                seen & state.is_silent, jnp.minimum(since, _LATEST), state.late * jnp.exp(-dt / _FORGETS)
-            ),
+            late=jnp.where(seen & state.is_silent, silence, state.late * jnp.exp(-dt / _FORGETS)),
         )
