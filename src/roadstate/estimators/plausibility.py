@@ -144,7 +144,7 @@ class Plausibility(eqx.Module):
 
     def faults(self, verdict: Verdict) -> Bool[Array, " f"]:
         """Which of :meth:`fault_names` there are."""
-        places = np.flatnonzero(_SIGNED), np.flatnonzero(_ACCUSED)
+        places = [jnp.asarray(np.flatnonzero(which)) for which in (_SIGNED, _ACCUSED)]
         return jnp.concatenate([verdict.swapped[places[0]], verdict.lies[places[1]]])
 
     def verdict(self, state: PlausibilityState) -> Verdict:
@@ -247,7 +247,9 @@ class Plausibility(eqx.Module):
         evidence = jnp.where(told_by, jnp.clip(evidence, -_MOST, _MOST), 0.0) * (dt / _LASTING)
         lies = jnp.where(judged, evidence[2], -_FORGETS * dt)
         lies = jnp.where(told.impossible, _MOST * dt / _LASTING, lies)
-        repeats = jnp.append(frozen, jnp.stack([jnp.all(frozen[SPIN]), jnp.zeros((), bool)]))[_SOURCE]
+        repeats = jnp.append(frozen, jnp.stack([jnp.all(frozen[SPIN]), jnp.zeros((), bool)]))[
+            jnp.asarray(_SOURCE)
+        ]
         evidence = evidence.at[2].set(jnp.where(repeats, jnp.maximum(lies, 0.0), lies))
         least = jnp.asarray([-_TRUST * _SWAPPED, -_TRUST * _SWAPPED, 0.0, 0.0])[:, None]
         most = jnp.asarray([(_ONE_SIDED + 1) * _SWAPPED] * 2 + [2 * _LIES] * 2)[:, None]

@@ -238,7 +238,7 @@ class Redundancy(eqx.Module):
                 ((signal.age < STALE) & moves)[None],
             ]
         )
-        largest = jnp.asarray(_LARGEST)[GROUP] + (GROUP == 2) * (0.3 * jnp.abs(speed) + 0.5)
+        largest = jnp.asarray(_LARGEST[GROUP]) + (GROUP == 2) * (0.3 * jnp.abs(speed) + 0.5)
         std = jnp.where(is_known & (std < largest), std, jnp.inf)
         others = jnp.ones(len(TELLINGS), bool)
         wheels_at = slice(TELLINGS.index("wheel_fl"), TELLINGS.index("wheel_rr") + 1)
