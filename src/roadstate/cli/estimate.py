@@ -144,6 +144,11 @@ def _print(logs: dict[str, Any], written: list[str]) -> None:
                     heads, validity = ["", ""], ""
     screen = console()
     screen.print(rows)
+    for name, log in logs.items():
+        for estimator, found in log["estimators"].items():
+            for one in found["faults"]:
+                when = f"{one['first_s']:.1f} to {one['last_s']:.1f} s, {100 * one['share']:.0f} %"
+                screen.print(text(f"{name}, {estimator}: {one['fault']} ({when})"), soft_wrap=True)
     screen.print("grade in % (100 tan θ) and degrees; ±1σ: mean standard deviation\n")
     for path in written:
         screen.print(text(path), soft_wrap=True)

@@ -58,7 +58,7 @@ def log_summary(run: Run) -> dict[str, Any]:
 
 
 def estimates_summary(estimates: Estimates) -> dict[str, Any]:
-    """One estimator on one log: figures of each quantity in SI, shares of validity, and consistency."""
+    """One estimator on one log: figures of each quantity in SI, validity, sensors' faults, consistency."""
     nis = estimates.nis[np.isfinite(estimates.nis)]
     shares = {v.label: float(np.mean(estimates.validity == v)) for v in Validity}
     return {
@@ -67,6 +67,7 @@ def estimates_summary(estimates: Estimates) -> dict[str, Any]:
             for name, values in estimates.values.items()
         },
         "validity": {label: share for label, share in shares.items() if share > 0},
+        "faults": list(estimates.metadata.get("faults", [])),
         "rejected": dict(estimates.metadata.get("rejected", {})),
         "nis_mean": float(np.mean(nis)) if len(nis) else None,
     }

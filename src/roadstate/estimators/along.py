@@ -9,7 +9,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import jax.scipy.linalg as jsl
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from roadstate.core.channels import WHEELS
 from roadstate.core.constants import GRAVITY
@@ -27,6 +27,7 @@ SPEED, SLOPE, SLOPE_RATE, BIAS, SCALE = range(5)
 _ACCEL_SCALE = 0.01  # 1σ of the accelerometer's scale
 _LASTING = 3600.0  # s over which what belongs to the car or its sensors keeps its value
 _BRAKE_LASTING = 600.0  # s: pads warm up
+_CAUGHT = 2.0  # m/s: 1σ of what a sensor's lies do to the speed until they are found
 _WHEEL_SPREAD = 0.003  # 1σ of one wheel's radius against the others'
 
 
@@ -152,6 +153,18 @@ class AlongModel(StateSpaceModel):
     def sqrt_R(self, u: AlongInput) -> Float[Array, "m m"]:
         """Independent sensors."""
         return jnp.diag(u.sensor_std)
+
+    def doubt(self, gaussian: Gaussian, caught: Bool[Array, ""]) -> Gaussian:
+        """The prior but for speed and height, where a sensor has just been caught lying; else the same.
+
+        What has been learnt of the slope, biases and the car may all come from that sensor.
+        """
+        prior = self.prior()
+        count = 3 + len(self.slow_std)
+        kept = (np.arange(len(self.states)) == SPEED) | (np.arange(len(self.states)) >= count)
+        factor = prior.factor.at[SPEED, SPEED].set(_CAUGHT)
+        mean = jnp.where(caught & (~kept), prior.mean, gaussian.mean)
+        return Gaussian(mean, jnp.where(caught, factor, gaussian.factor))
 
     def prior(self) -> Gaussian:
         """Any speed a road car has, the road's own slope, any height on land."""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, Self, TypeVar
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from roadstate.core.channels import CHANNELS
 from roadstate.core.gaussian import Info
@@ -33,11 +33,13 @@ class Estimate(eqx.Module):
         values: quantity → scalar in SI.
         std: quantity → standard deviation (1σ).
         validity: :class:`roadstate.core.Validity` code.
+        faults: (f,) which of :attr:`Estimator.fault_names` are there now; ``None`` of one that tells of none.
     """
 
     values: dict[str, Float[Array, ""]]
     std: dict[str, Float[Array, ""]]
     validity: Int[Array, ""]
+    faults: Bool[Array, " f"] | None = None
 
 
 @dataclass(frozen=True)
@@ -83,6 +85,11 @@ class Estimator(eqx.Module, Generic[S]):
     def sensor_units(self) -> Mapping[str, str]:
         """Sensor → SI unit of its reading; an estimator adds those that are no canonical channels."""
         return {s: CHANNELS[s].unit for s in self.sensors if s in CHANNELS}
+
+    @property
+    def fault_names(self) -> tuple[str, ...]:
+        """Sensors' faults that :attr:`Estimate.faults` tells of, each a sentence with the channel's name."""
+        return ()
 
     @classmethod
     @abstractmethod

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import equinox as eqx
@@ -29,12 +29,23 @@ STALE = 0.3
 """s without a sample after which a signal is no longer held."""
 _LARGEST_JUMP = (8.0, 8.0, 0.6, 0.2, 25.0, 25.0, 25.0, 25.0)  # in _JUMP_TIME; more is a spike
 _JUMP_TIME = 0.1  # s
+_SPIN_UP = (6.0, 1000.0)  # rad/s, and rad/s²: what noise, and brakes or drive, change a wheel's speed by
 _PATIENCE = 4  # samples in a row that a jump must last to be believed
-_STUCK = 40  # equal samples in a row after which a signal may be stuck
-_ACTIVE = (0.5, 0.8, 0.06)  # change meanwhile of what tells the same, m/s², m/s², rad/s: then it is stuck
+REPEATS = 40  # equal samples in a row after which a signal may be stuck
+# change meanwhile of what tells the same, m/s², m/s², rad/s, never, rad/s: then it is stuck
+_ACTIVE = (0.5, 0.8, 0.06, np.inf, 3.0, 3.0, 3.0, 3.0)
+_PER_ACCEL = 2.0  # rad/s per m/s²: that the acceleration changes tells as much of a wheel as that others do
 _NEVER = 1e6
 _LEAST_STEP = 1e-3  # s
 _SLOWEST = 1.0  # m/s below which a car's signals may well stand still
+
+
+def sensor_fault_names(named: Sequence[str | None], sensors: Sequence[str]) -> tuple[str, ...]:
+    """Sentences: each signal of :data:`ROWS` that is faulty, each sensor of a filter that is refused."""
+    return (
+        *(f"{name or row}: stuck, or jumps as no car does" for row, name in zip(ROWS, named, strict=True)),
+        *(f"{s}: refused, contradicts the motion" for s in sensors),
+    )
 
 
 class SignalState(NamedTuple):
@@ -45,7 +56,7 @@ class SignalState(NamedTuple):
         age: (8,) s since they came.
         refused: (8,) samples refused in a row as spikes.
         repeats: (8,) equal samples in a row.
-        low, high: (3,) range, since the last change of an inertial signal, of what tells the same.
+        low, high: (8,) range, since the last change of a signal, of what tells the same.
         smooth: (8,) low-passed values.
         gear: latest gear ratio.
     """
@@ -54,8 +65,8 @@ class SignalState(NamedTuple):
     age: Float[Array, " 8"]
     refused: Float[Array, " 8"]
     repeats: Float[Array, " 8"]
-    low: Float[Array, " 3"]
-    high: Float[Array, " 3"]
+    low: Float[Array, " 8"]
+    high: Float[Array, " 8"]
     smooth: Float[Array, " 8"]
     gear: Float[Array, ""]
 
@@ -86,16 +97,18 @@ class Intake(eqx.Module):
 
     A sample that lies too far from the last one to be true is refused, until several in a row say the same. A
     signal that repeats itself to the last bit while its kin change (an accelerometer while the wheels'
-    acceleration changes, a gyroscope while the rear wheels' difference does) is stuck, and counts as missing.
+    acceleration changes, a gyroscope while the rear wheels' difference does, a wheel while the others
+    or the acceleration do) is stuck, and counts as missing.
 
     Attributes:
         channels: canonical channels read.
-        has: whether a row of :data:`ROWS` is measured at all.
+        named: channel of each row of :data:`ROWS`, ``None`` where there is none.
+        has: whether a row is measured at all.
     """
 
     channels: tuple[str, ...] = eqx.field(static=True)
+    named: tuple[str | None, ...] = eqx.field(static=True)
     has: tuple[bool, ...] = eqx.field(static=True)
-    _names: tuple[str | None, ...] = eqx.field(static=True)
     _scale: Float[Array, " 8"]
     _geometry: Float[Array, " 2"]
 
@@ -110,9 +123,9 @@ class Intake(eqx.Module):
                 )
             steering = ""
         named = ("accel_x", "accel_y", "yaw_rate", steering, *WHEEL_SPEEDS)
-        self._names = tuple(name if name in available else None for name in named)
-        self.has = tuple(name is not None for name in self._names)
-        used = [name for name in self._names if name is not None]
+        self.named = tuple(name if name in available else None for name in named)
+        self.has = tuple(name is not None for name in self.named)
+        used = [name for name in self.named if name is not None]
         self.channels = (*used, *(["gear_ratio"] if "gear_ratio" in available else []))
         ratio = vehicle.steering.ratio if steering == "steering_wheel" and vehicle.steering else 1.0
         body = vehicle.body
@@ -123,7 +136,7 @@ class Intake(eqx.Module):
     def init(self) -> SignalState:
         """Nothing has come yet."""
         none = jnp.zeros(8)
-        return SignalState(none, none + _NEVER, none, none, jnp.zeros(3), jnp.zeros(3), none, jnp.zeros(()))
+        return SignalState(none, none + _NEVER, none, none, none, none, none, jnp.zeros(()))
 
     def read(
         self, state: SignalState, sample: Sample, speed: Float[Array, ""], dt: Float[Array, ""]
@@ -137,7 +150,7 @@ class Intake(eqx.Module):
             dt: s.
         """
         nothing = jnp.full((), jnp.nan)
-        raw = jnp.stack([nothing if n is None else sample[n] for n in self._names])
+        raw = jnp.stack([nothing if n is None else sample[n] for n in self.named])
         gear = sample["gear_ratio"] if "gear_ratio" in self.channels else nothing
         gear = jnp.where(jnp.isfinite(gear), gear, state.gear)
         seen = jnp.isfinite(raw)
@@ -146,6 +159,7 @@ class Intake(eqx.Module):
         fresh = jnp.where(seen, raw, 0.0) * self._scale * turned
         since = state.age + dt
         most = jnp.asarray(_LARGEST_JUMP) * jnp.maximum(1.0, since / _JUMP_TIME)
+        most = most.at[SPIN].min(_SPIN_UP[0] + _SPIN_UP[1] * since[SPIN])
         far = seen & (jnp.abs(fresh - state.value) > most) & (state.age < 10 * STALE)
         refuse = far & (state.refused < _PATIENCE)
         taken = seen & (~refuse)
@@ -153,10 +167,11 @@ class Intake(eqx.Module):
         repeats = jnp.where(taken, jnp.where(same, state.repeats + 1, 0.0), state.repeats)
         value = jnp.where(taken, fresh, state.value)
         kin = self._kin(state, value, speed)
-        low = jnp.where(repeats[:3] > 0, jnp.minimum(state.low, kin), kin)
-        high = jnp.where(repeats[:3] > 0, jnp.maximum(state.high, kin), kin)
+        low = jnp.where(repeats > 0, jnp.minimum(state.low, kin), kin)
+        high = jnp.where(repeats > 0, jnp.maximum(state.high, kin), kin)
         active = (high - low > jnp.asarray(_ACTIVE)) & (jnp.abs(speed) > _SLOWEST)
-        stuck = jnp.concatenate([(repeats[:3] >= _STUCK) & active, jnp.zeros(5, bool)])
+        # a wheel that is locked stands still for good reason
+        stuck = (repeats >= REPEATS) & active & ((np.arange(8) < SPIN.start) | (value != 0))
         age = jnp.where(taken, 0.0, since)
         first = state.age >= _NEVER
         lag = jnp.where(first, 1.0, -jnp.expm1(-dt / SMOOTHING))
@@ -174,12 +189,13 @@ class Intake(eqx.Module):
 
     def _kin(
         self, state: SignalState, value: Float[Array, " 8"], speed: Float[Array, ""]
-    ) -> Float[Array, " 3"]:
-        """What else tells of the longitudinal and lateral acceleration and of the yaw rate, roughly."""
+    ) -> Float[Array, " 8"]:
+        """What else tells of the longitudinal and lateral acceleration, yaw rate and wheels, roughly."""
         radius, track = self._geometry
         rim = (value[SPIN] - state.smooth[SPIN]) / SMOOTHING * radius
         along = jnp.mean(rim)
         differ = state.smooth[SPIN][3] - state.smooth[SPIN][2] if self.has[6] and self.has[7] else 0.0
         turning = radius * differ / track
         across = speed * jnp.where(state.age[YAW_RATE] < STALE, state.smooth[YAW_RATE], turning)
-        return jnp.stack([0.5 * along, across, turning])
+        others = (jnp.sum(value[SPIN]) - value[SPIN]) / 3 + _PER_ACCEL * state.smooth[ACCEL_X]
+        return jnp.concatenate([jnp.stack([0.5 * along, across, turning, jnp.zeros_like(along)]), others])

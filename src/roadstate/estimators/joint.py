@@ -6,9 +6,10 @@ from collections.abc import Collection, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from roadstate.core.channels import WHEELS
 from roadstate.core.constants import GRAVITY
@@ -21,6 +22,8 @@ from roadstate.estimators.friction_bank import BANK, BIAS_Y, LEVER, V_Y, VIEWS, 
 from roadstate.estimators.intake import (
     ACCEL_X,
     ACCEL_Y,
+    REPEATS,
+    ROWS,
     SMOOTHING,
     SPIN,
     STALE,
@@ -29,9 +32,13 @@ from roadstate.estimators.intake import (
     Intake,
     Signals,
     SignalState,
+    sensor_fault_names,
 )
+from roadstate.estimators.plausibility import TORQUE, Plausibility, PlausibilityState
+from roadstate.estimators.redundancy import GROUP, YAW
 from roadstate.estimators.signals import STANDSTILL_SPEED
 from roadstate.estimators.tire_contact import ContactState, TireContact
+from roadstate.estimators.watch import Watch, WatchState
 from roadstate.filters import KF, FilterState, GateRule
 from roadstate.linalg import once, root
 
@@ -47,6 +54,9 @@ _LEAST_STEP = 1e-3  # s
 _AGE = 0.1  # s by which a satellite's speed may be late
 _LEAD_ERROR = 0.7  # 1σ of what is added to undo the low pass, as a share of it
 _LATE = 0.01  # s: age of inertial signals, and what the body's roll adds to it
+_NEVER = 1e6  # s
+_AFRESH = 0.4  # s until what is slowed has forgotten a sensor that lied
+_LATE_TIME = 0.5  # s: how long an error of a late signal lasts
 _PATIENCE = 300  # samples for which a spinning or locked wheel may be refused
 
 
@@ -54,21 +64,26 @@ class JointState(NamedTuple):
     """State of :class:`Joint`.
 
     Attributes:
-        signals, forces, along, contact, bank: the parts'.
+        watch, signals, trust, forces, along, contact, bank: the parts'.
         speed_age: s since anything told the speed.
-        fault_age: s for which some sensor has been refused or stuck.
+        doubt: s for which nothing is learnt of friction yet, since a sensor was caught.
+        fault_age: (8 + m,) s for which each inertial, steering and wheel signal has been refused or stuck,
+            and each of the filter's sensors refused.
         latest: what the forces were, for :meth:`Joint.estimate`.
         friction: (3, 5) 5 %, 50 % and 95 % quantiles of each view's friction.
         validity: code.
     """
 
+    watch: WatchState
     signals: SignalState
+    trust: PlausibilityState
     forces: ForceMeterState
     along: FilterState
     contact: ContactState
     bank: BankState
     speed_age: Float[Array, ""]
-    fault_age: Float[Array, ""]
+    doubt: Float[Array, ""]
+    fault_age: Float[Array, " k"]
     latest: AxleForces
     friction: Float[Array, "3 5"]
     validity: Int[Array, ""]
@@ -96,7 +111,7 @@ class Joint(Estimator[JointState]):
     without torques or altitude, a bias of the accelerometer from a slope.
 
     Attributes:
-        signals, forces, along, filter, contact, bank: the parts.
+        watch, signals, trust, forces, along, filter, contact, bank: the parts.
     """
 
     name: ClassVar[str] = "joint"
@@ -113,7 +128,9 @@ class Joint(Estimator[JointState]):
 
     channels: tuple[str, ...] = eqx.field(static=True)
     sensors: tuple[str, ...] = eqx.field(static=True)
+    watch: Watch
     signals: Intake
+    trust: Plausibility
     forces: ForceMeter
     along: AlongModel
     filter: KF
@@ -145,11 +162,14 @@ class Joint(Estimator[JointState]):
         }
         wheel = vehicle.wheels.radius * sensors.wheel_speed.noise
         aids = tuple(c for c in ("speed", "altitude", "vertical_speed") if c in available)
+        channels = tuple(dict.fromkeys((*signals.channels, *forces.channels, *aids)))
         sides = signals.has[ACCEL_Y] and signals.has[YAW_RATE]
         return cls(
-            channels=tuple(dict.fromkeys((*signals.channels, *forces.channels, *aids))),
+            channels=channels,
             sensors=model.sensors,
+            watch=Watch(channels),
             signals=signals,
+            trust=Plausibility(vehicle, available),
             forces=forces,
             along=model,
             filter=KF(gate=GateRule(patience=_PATIENCE)),
@@ -166,13 +186,16 @@ class Joint(Estimator[JointState]):
         """The prior; no sample has come."""
         zero = jnp.zeros(())
         return JointState(
+            watch=self.watch.init(),
             signals=self.signals.init(),
+            trust=self.trust.init(),
             forces=self.forces.init(),
             along=self.filter.init(self.along),
             contact=self.contact.init(),
             bank=self.bank.init(),
             speed_age=zero + 1e6,
-            fault_age=zero,
+            doubt=zero,
+            fault_age=jnp.zeros(len(ROWS) + len(self.sensors)),
             latest=self.forces.nothing(),
             friction=self.bank.quantiles(self.bank.init(), _QUANTILES),
             validity=jnp.asarray(int(Validity.SENSOR_MISSING)),
@@ -181,24 +204,57 @@ class Joint(Estimator[JointState]):
     def step(self, state: JointState, sample: Sample, dt: Float[Array, ""]) -> tuple[JointState, Info]:
         """Signals, forces, motion along the road, then what goes on across it."""
         x, across = state.along.gaussian.mean, self.bank.merged(state.bank)[0]
-        held, seen = self.signals.read(state.signals, sample, x[SPEED], dt)
+        held, raw = self.signals.read(state.signals, sample, x[SPEED], dt)
+        raw, verdict = once((raw, self.trust.verdict(state.trust)))
+        seen = once(self.trust.mend(state.trust, verdict, raw, x[SPEED]))
         bias = x[BIAS] + x[SCALE] * state.latest.accel[0]
         error = jnp.stack([bias, jnp.zeros_like(bias)])
-        meter, forces = self.forces.read(state.forces, sample, seen, x[SPEED], error, dt)
-        contact, u, z = self._along(state, held, seen, forces, sample, across[V_Y], dt)
+        meter, told = self.forces.read(state.forces, sample, seen, x[SPEED], error, dt)
+        forces = told._replace(age=jnp.where(verdict.lies[TORQUE], _NEVER, told.age))
+        contact, u, z = self._along(state, held, seen, forces, sample, across[V_Y], dt, verdict.sign(ACCEL_X))
+        signal = z[self.sensors.index("speed")] if "speed" in self.sensors else jnp.full((), jnp.nan)
+        is_signal = np.array([s == "speed" for s in self.sensors])
+        z = jnp.where(verdict.lies[-1] & is_signal, jnp.nan, z)
+        watch = once(self.watch.look(state.watch, sample, dt))
+        lag = self.watch.lateness(watch, self.sensors)
+        lasting = jnp.sqrt(_LATE_TIME / jnp.maximum(dt, _LEAST_STEP))
+        u = u._replace(sensor_std=jnp.hypot(u.sensor_std, lag * u.smooth_accel * lasting))
         along, info = self.filter.step(self.along, state.along, u, z, dt)
         speed, speed_std = along.gaussian.mean[SPEED], along.gaussian.std[SPEED]
         gain = u.accel - along.gaussian.mean[SLOPE] - along.gaussian.mean[BIAS]
         contact, touch = self.contact.touch(contact, seen, forces, speed, speed_std, gain, dt)
+        late = self.watch.lateness(watch, WHEEL_SPEEDS) * gain / jnp.maximum(jnp.abs(speed), 1.0)
+        touch = touch._replace(slip_shared=jnp.hypot(touch.slip_shared, jnp.max(jnp.abs(late))))
         bank, likelihood = once(self.bank.step(state.bank, touch, dt))
+        trust = self.trust.test(state.trust, raw, told, signal, speed, held.repeats >= REPEATS, dt)
+        trust, now = once((trust, self.trust.verdict(trust)))
+        found = (now.lies & (~verdict.lies)) | (now.swapped & (~verdict.swapped))
+        caught = jnp.any(found)
+        # what was learnt from a sensor that lies may be wrong
+        spoilt = jnp.any(found & (GROUP != YAW))
+        along = along._replace(gaussian=self.along.doubt(along.gaussian, spoilt))
+        doubt = jnp.where(jnp.any(verdict.lies) | caught, _AFRESH, state.doubt - dt)
+        afresh = doubt > 0
+        bank = jax.lax.cond(afresh, lambda kept: self.bank.init(), lambda kept: kept, bank)
         tells = np.array([s == "speed" or s in WHEEL_SPEEDS for s in self.sensors])
-        told = jnp.any(jnp.isfinite(z) & tells)
-        speed_age = jnp.where(told, 0.0, state.speed_age + dt)
-        faulty = jnp.any(seen.is_faulty) | jnp.any(along.rejected > 0)
+        speed_age = jnp.where(jnp.any(jnp.isfinite(z) & tells), 0.0, state.speed_age + dt)
+        faulty = jnp.concatenate([raw.is_faulty, along.rejected > 0])
         fault_age = jnp.where(faulty, state.fault_age + dt, 0.0)
         friction = once(self.bank.quantiles(bank, _QUANTILES))
         new = JointState(
-            held, meter, along, contact, bank, speed_age, fault_age, forces, friction, state.validity
+            watch,
+            held,
+            trust,
+            meter,
+            along,
+            contact,
+            bank,
+            speed_age,
+            doubt,
+            fault_age,
+            forces,
+            friction,
+            state.validity,
         )
         validity = self._validity(new, info)
         info = eqx.tree_at(lambda i: i.log_likelihood, info, info.log_likelihood + likelihood)
@@ -213,13 +269,14 @@ class Joint(Estimator[JointState]):
         sample: Sample,
         velocity_y: Array,
         dt: Array,
+        sign: Array,
     ) -> tuple[ContactState, AlongInput, Float[Array, " m"]]:
         """Input and measurement of the filter along the road."""
         x, spread = state.along.gaussian.mean, state.along.gaussian.std[SPEED]
         speed, step = x[SPEED], jnp.maximum(dt, _LEAST_STEP)
         felt = seen.age[ACCEL_X] < STALE
         before = jnp.where(
-            state.signals.age[ACCEL_X] < STALE, state.signals.value[ACCEL_X], seen.value[ACCEL_X]
+            state.signals.age[ACCEL_X] < STALE, sign * state.signals.value[ACCEL_X], seen.value[ACCEL_X]
         )
         raw = 0.5 * (seen.value[ACCEL_X] + before)
         by_torque = forces.explained + x[BIAS] + x[SCALE] * forces.accel[0]
@@ -276,8 +333,10 @@ class Joint(Estimator[JointState]):
         validity = jnp.where(state.latest.is_brake_unknown & ~sure, int(Validity.BRAKING), validity)
         stands = jnp.abs(state.along.gaussian.mean[SPEED]) < STANDSTILL_SPEED
         validity = jnp.where(stands, int(Validity.STANDSTILL), validity)
-        validity = jnp.where(state.fault_age > _FAULTY, int(Validity.SENSOR_FAULT), validity)
+        faults = self._faults(state)
+        validity = jnp.where(jnp.any(faults), int(Validity.SENSOR_FAULT), validity)
         silent = jnp.maximum(oldest, state.speed_age) > _SILENT
+        silent = silent | jnp.any(faults[: len(self.channels)])
         validity = jnp.where(silent, int(Validity.SENSOR_MISSING), validity)
         return jnp.where(info.ok, validity, int(Validity.DIVERGED))
 
@@ -337,7 +396,18 @@ class Joint(Estimator[JointState]):
             name = f"friction_peak{view}"
             tell(name, middle[i], spread[i])
             values[f"{name}_lower"], values[f"{name}_upper"] = low[i], high[i]
-        return Estimate(values, stds, state.validity)
+        return Estimate(values, stds, state.validity, self._faults(state))
+
+    @property
+    def fault_names(self) -> tuple[str, ...]:
+        """As :attr:`Estimator.fault_names`."""
+        own = sensor_fault_names(self.signals.named, self.sensors)
+        return (*self.watch.fault_names, *own, *self.trust.fault_names(self.signals.named))
+
+    def _faults(self, state: JointState) -> Bool[Array, " f"]:
+        watch, verdict = state.watch, self.trust.verdict(state.trust)
+        found = [watch.is_silent, watch.has_spikes, state.fault_age > _FAULTY, self.trust.faults(verdict)]
+        return jnp.concatenate(found)
 
     def _used(self, forces: AxleForces, lateral: Array, ahead: Array, bias_std: Array) -> tuple[Array, Array]:
         along, across = jnp.sum(forces.along), jnp.sum(lateral)

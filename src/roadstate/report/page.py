@@ -22,6 +22,7 @@ from roadstate.report.panels import (
 from roadstate.report.summary import source_of, summary
 from roadstate.report.tables import (
     band_table,
+    faults_table,
     innovation_table,
     metrics_table,
     settings_table,
@@ -107,6 +108,7 @@ def _sections(
     bands = [t for t in (innovation_table(results), band_table(results, log)) if t is not None]
     first = next((n for n, e in results.items() if "grade" in e.values), "")
     track = track_panel(log, first, results.get(first), min(axes.points, 6000))
+    about_validity = [t for t in (validity_table(results), faults_table(results)) if t is not None]
     details = [
         settings_table("Log", {"duration": f"{log.duration:g} s", "samples": len(log), **log.metadata})
     ]
@@ -124,7 +126,7 @@ def _sections(
             "Measurement less prediction ν, with ±2σ as the filter itself states it; "
             "4.6 % of the samples should lie outside.",
         ),
-        Section("validity", "Validity", validity_panels(axes, results), [validity_table(results)]),
+        Section("validity", "Validity", validity_panels(axes, results), about_validity),
         Section("inputs", "Inputs", input_panels(axes, log), []),
         Section("track", "Track", [track] if track else [], []),
         Section("consistency", "Consistency", whiteness_panels(results), bands, columns=2),

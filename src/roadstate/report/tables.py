@@ -148,6 +148,20 @@ def validity_table(results: Mapping[str, Estimates]) -> Table:
     return Table("Share of samples", ("estimator", *(v.label.replace("_", " ") for v in seen)), rows)
 
 
+def faults_table(results: Mapping[str, Estimates]) -> Table | None:
+    """The sensors' faults that estimators found, in the order in which they begin; ``None`` without any."""
+    rows: list[tuple[str, ...]] = [
+        (name, one["fault"], f"{one['first_s']:.2f}", f"{one['last_s']:.2f}", share(one["share"]))
+        for name, estimates in results.items()
+        for one in estimates.metadata.get("faults", [])
+    ]
+    if not rows:
+        return None
+    return Table(
+        "Faults of sensors", ("estimator", "fault", "from, s", "to, s", "share of samples"), rows, labels=2
+    )
+
+
 def settings_table(heading: str, settings: Mapping[str, Any]) -> Table:
     """Nested settings as ``path.to.key`` and value."""
     rows = [(key, value) for key, value in _flat("", settings)]

@@ -94,6 +94,26 @@ def cut(
     return np.pad(part, ((0, pad), (0, 0)), constant_values=np.nan), np.pad(steps, (0, pad))
 
 
+def faults_found(
+    names: tuple[str, ...], faults: NDArray[np.bool_] | None, time: NDArray[np.float64]
+) -> list[dict[str, Any]]:
+    """Those that occur, in the order in which they begin: what, first and last time (s), share of samples."""
+    if faults is None:
+        return []
+    found = []
+    for i in np.flatnonzero(faults.any(axis=0)):
+        when = time[faults[:, i]]
+        share = float(np.mean(faults[:, i]))
+        found.append(
+            {"fault": names[i], "first_s": float(when[0]), "last_s": float(when[-1]), "share": share}
+        )
+    return sorted(found, key=lambda one: one["first_s"])
+
+
+def _faults(rows: Row) -> NDArray[np.bool_] | None:
+    return None if rows.estimate.faults is None else np.asarray(rows.estimate.faults, dtype=bool)
+
+
 def to_estimates(estimator: Estimator[Any], log: Log, rows: Row) -> Estimates:
     """Rows of a whole log as estimates."""
 
@@ -115,6 +135,7 @@ def to_estimates(estimator: Estimator[Any], log: Log, rows: Row) -> Estimates:
             "roadstate": __version__,
             "jax": jax.__version__,
             "rejected": {s: int(n) for s, n in zip(estimator.sensors, refused, strict=True)},
+            "faults": faults_found(estimator.fault_names, _faults(rows), log.time),
             "log": dict(log.metadata),
         },
         sensor_units=dict(estimator.sensor_units),

@@ -1,0 +1,130 @@
+"""Which channels have fallen silent, and which have samples that cannot be true."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from fnmatch import fnmatchcase
+from typing import NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from roadstate.estimators.base import Sample
+
+_SILENT = 0.25  # s without a sample, besides twice the longest usual gap
+_FORGETS = 60.0  # s after which a long gap is no longer usual
+_LATEST = 1.0  # s: a longer silence is no jump of a clock, and what comes after it is in time
+_ALARM = 0.5  # s for which a spike is told
+# by how much no channel changes from sample to sample, to be back at the next, if they are s apart at most
+_SPIKES = {
+    "accel_?": (8.0, 0.03),
+    "yaw_rate": (0.4, 0.03),
+    "steer": (0.1, 0.03),
+    "steering_wheel": (0.8, 0.03),
+    "wheel_speed_*": (12.0, 0.03),
+    "*_torque_*": (600.0, 0.03),
+    "engine_torque": (200.0, 0.03),
+    "brake_pressure_*": (5e6, 0.03),
+    "engine_speed": (200.0, 0.03),
+    "speed": (4.0, 0.25),
+    "altitude": (25.0, 0.25),
+    "vertical_speed": (3.0, 0.25),
+}
+
+
+class WatchState(NamedTuple):
+    """State of :class:`Watch`.
+
+    Attributes:
+        last, before: (n,) the latest sample of each channel and the one before it.
+        age, interval: (n,) s since the latest, and between the two; huge before the first.
+        gap: (n,) s, the longest usual interval; 0 before there is one.
+        alarm: (n,) s for which a spike will still be told.
+        late: (n,) s by which a channel may be late since it was silent as long, as when its clock has jumped.
+    """
+
+    last: Float[Array, " n"]
+    before: Float[Array, " n"]
+    age: Float[Array, " n"]
+    interval: Float[Array, " n"]
+    gap: Float[Array, " n"]
+    alarm: Float[Array, " n"]
+    late: Float[Array, " n"]
+
+    @property
+    def is_silent(self) -> Bool[Array, " n"]:
+        """(n,) a channel that used to come, and comes no more."""
+        return (self.gap > 0) & (self.age > _SILENT + 2 * self.gap)
+
+    @property
+    def has_spikes(self) -> Bool[Array, " n"]:
+        """(n,) a channel that has just gone far and come back within two samples."""
+        return self.alarm > 0
+
+
+class Watch(eqx.Module):
+    """Looks at each channel by itself, whatever it measures.
+
+    How often a channel comes it tells by coming: one that has been away for clearly longer than it usually is
+    has fallen silent. If it comes again, so long a gap counts as half usual, so that a channel which is sent
+    when it changes is soon known as such. A sample that lies far from both its neighbours, which agree, is a
+    spike: known as such one sample later, when it can be told but no longer be left out.
+
+    Attributes:
+        channels: looked at.
+    """
+
+    channels: tuple[str, ...] = eqx.field(static=True)
+    _most: Float[Array, " n"]
+    _short: Float[Array, " n"]
+
+    def __init__(self, channels: tuple[str, ...]) -> None:
+        self.channels = channels
+        found = [[limit for p, limit in _SPIKES.items() if fnmatchcase(c, p)] for c in channels]
+        limits = np.array([own[0] if own else (np.inf, 0.0) for own in found])
+        self._most, self._short = jnp.asarray(limits[:, 0]), jnp.asarray(limits[:, 1])
+
+    def init(self) -> WatchState:
+        """Nothing has come."""
+        none = jnp.zeros(len(self.channels))
+        return WatchState(none, none, none + 1e6, none + 1e6, none, none, none)
+
+    @property
+    def fault_names(self) -> tuple[str, ...]:
+        """What :attr:`WatchState.is_silent` and :attr:`WatchState.has_spikes` tell of, as sentences."""
+        return (
+            *(f"{c}: no samples any more" for c in self.channels),
+            *(f"{c}: a sample far off its neighbours" for c in self.channels),
+        )
+
+    def lateness(self, state: WatchState, sensors: Sequence[str]) -> Float[Array, " m"]:
+        """(m,) s by which speeds may be late; 0 for what is no speed, or not watched."""
+        places = [self.channels.index(s) if s in self.channels else 0 for s in sensors]
+        counts = np.array([s in self.channels and s.startswith(("speed", "wheel_speed")) for s in sensors])
+        return jnp.where(counts, state.late[jnp.asarray(places)], 0.0)
+
+    def look(self, state: WatchState, sample: Sample, dt: Float[Array, ""]) -> WatchState:
+        """Take a sample ``dt`` (s) after the last."""
+        now = jnp.stack([sample[c] for c in self.channels])
+        seen = jnp.isfinite(now)
+        now = jnp.where(seen, now, state.last)
+        since = state.age + dt
+        came = state.age < 1e6
+        usual = jnp.where(state.is_silent, jnp.minimum(since, 2 * state.gap + 0.5 * _SILENT), since)
+        gap = jnp.where(seen & came, jnp.maximum(usual, state.gap * jnp.exp(-since / _FORGETS)), state.gap)
+        there, back = state.last - state.before, now - state.last
+        far = jnp.minimum(jnp.abs(there), jnp.abs(back)) > self._most
+        home = jnp.abs(there + back) < 0.5 * self._most
+        silence = jnp.where(since <= _LATEST, since, 0.0)
+        spike = seen & far & home & (jnp.maximum(since, state.interval) < self._short)
+        return WatchState(
+            last=now,
+            before=jnp.where(seen, state.last, state.before),
+            age=jnp.where(seen, 0.0, since),
+            interval=jnp.where(seen, since, state.interval),
+            gap=gap,
+            alarm=jnp.where(spike, _ALARM, state.alarm - dt),
+            late=jnp.where(seen & state.is_silent, silence, state.late * jnp.exp(-dt / _FORGETS)),
+        )
