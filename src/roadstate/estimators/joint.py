@@ -15,7 +15,7 @@ from roadstate.core.constants import GRAVITY
 from roadstate.core.estimates import Validity
 from roadstate.core.gaussian import Info
 from roadstate.estimators.along import BIAS, SCALE, SLOPE, SPEED, AlongInput, AlongModel
-from roadstate.estimators.base import Estimate, Estimator, Need, Sample, leaf
+from roadstate.estimators.base import Estimate, Estimator, Need, Sample, Smoothable, leaf
 from roadstate.estimators.contact_forces import AxleForces, ForceMeter, ForceMeterState
 from roadstate.estimators.friction_bank import BANK, BIAS_Y, LEVER, V_Y, VIEWS, BankState, FrictionBank
 from roadstate.estimators.intake import (
@@ -105,6 +105,9 @@ class Joint(Estimator[JointState]):
         *("accel_y", "yaw_rate", "steer", "steering_wheel", "speed", *WHEEL_SPEEDS),
         *("altitude", "vertical_speed", "gear_ratio", "engine_torque", "engine_speed", "brake"),
         *(f"{kind}_{w}" for kind in ("drive_torque", "brake_torque", "brake_pressure") for w in WHEELS),
+    )
+    smoothable: ClassVar[Smoothable | None] = Smoothable(
+        "filter", "along", ("grade", "speed", "altitude", "mass", "accel_x_bias")
     )
 
     channels: tuple[str, ...] = eqx.field(static=True)
