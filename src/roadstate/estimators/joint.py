@@ -29,6 +29,7 @@ from roadstate.estimators.intake import (
     Signals,
     SignalState,
 )
+from roadstate.estimators.pitch import Pitching, PitchMeter, PitchState, lean_std
 from roadstate.estimators.signals import STANDSTILL_SPEED
 from roadstate.estimators.tire_contact import TireContact
 from roadstate.filters import KF, FilterState, GateRule
@@ -51,7 +52,7 @@ class JointState(NamedTuple):
     """State of :class:`Joint`.
 
     Attributes:
-        signals, forces, along, bank: the parts'.
+        signals, forces, along, bank, pitch: the parts'.
         lagged: (2, 2) the axles' slip angles but for v_y, and their F_y/F_z, both slowed.
         speed_age: s since anything told the speed.
         fault_age: s for which some sensor has been refused or stuck.
@@ -63,6 +64,7 @@ class JointState(NamedTuple):
     forces: ForceMeterState
     along: FilterState
     bank: BankState
+    pitch: PitchState
     lagged: Float[Array, "2 2"]
     speed_age: Float[Array, ""]
     fault_age: Float[Array, ""]
@@ -103,7 +105,7 @@ class Joint(Estimator[JointState]):
     )
     optional: ClassVar[tuple[str, ...]] = (
         *("accel_y", "yaw_rate", "steer", "steering_wheel", "speed", *WHEEL_SPEEDS),
-        *("altitude", "vertical_speed", "gear_ratio", "engine_torque", "engine_speed", "brake"),
+        *("altitude", "vertical_speed", "pitch_rate", "gear_ratio", "engine_torque", "engine_speed", "brake"),
         *(f"{kind}_{w}" for kind in ("drive_torque", "brake_torque", "brake_pressure") for w in WHEELS),
     )
     smoothable: ClassVar[Smoothable | None] = Smoothable(
@@ -118,6 +120,7 @@ class Joint(Estimator[JointState]):
     filter: KF
     contact: TireContact
     bank: FrictionBank
+    pitch: PitchMeter
     _knows_sides: bool = eqx.field(static=True)
     _sensor_std: Float[Array, " m"]
     _accel_noise: Float[Array, ""]
@@ -127,7 +130,7 @@ class Joint(Estimator[JointState]):
     @property
     def sensor_units(self) -> Mapping[str, str]:
         """As :attr:`Estimator.sensor_units`; wheels are read as speeds of the car."""
-        own = {**dict.fromkeys(WHEEL_SPEEDS, "m/s"), "traction": "m/s^2"}
+        own = {**dict.fromkeys(WHEEL_SPEEDS, "m/s"), "traction": "m/s^2", "attitude": "rad"}
         return {**super().sensor_units, **{s: unit for s, unit in own.items() if s in self.sensors}}
 
     @classmethod
@@ -141,9 +144,10 @@ class Joint(Estimator[JointState]):
             "altitude": sensors.altitude.noise,
             "vertical_speed": sensors.vertical_speed.noise,
             "traction": 0.0,
+            "attitude": 0.0,
         }
         wheel = vehicle.wheels.radius * sensors.wheel_speed.noise
-        aids = tuple(c for c in ("speed", "altitude", "vertical_speed") if c in available)
+        aids = tuple(c for c in ("speed", "altitude", "vertical_speed", "pitch_rate") if c in available)
         sides = signals.has[ACCEL_Y] and signals.has[YAW_RATE]
         return cls(
             channels=tuple(dict.fromkeys((*signals.channels, *forces.channels, *aids))),
@@ -154,6 +158,7 @@ class Joint(Estimator[JointState]):
             filter=KF(gate=GateRule(patience=_PATIENCE)),
             contact=TireContact(vehicle),
             bank=FrictionBank(vehicle),
+            pitch=PitchMeter(vehicle),
             _knows_sides=sides,
             _sensor_std=jnp.asarray(np.array([noise.get(s, wheel) for s in model.sensors])),
             _accel_noise=leaf(sensors.accel.noise_density),
@@ -169,6 +174,7 @@ class Joint(Estimator[JointState]):
             forces=self.forces.init(),
             along=self.filter.init(self.along),
             bank=self.bank.init(),
+            pitch=self.pitch.init(),
             lagged=jnp.zeros((2, 2)),
             speed_age=zero + 1e6,
             fault_age=zero,
@@ -178,13 +184,22 @@ class Joint(Estimator[JointState]):
 
     def step(self, state: JointState, sample: Sample, dt: Float[Array, ""]) -> tuple[JointState, Info]:
         """Signals, forces, motion along the road, then what goes on across it."""
-        x, across = state.along.gaussian.mean, self.bank.merged(state.bank)[0]
+        x, (across, across_std) = state.along.gaussian.mean, self.bank.merged(state.bank)
         held, seen = self.signals.read(state.signals, sample, x[SPEED], dt)
         bias = x[BIAS] + x[SCALE] * state.latest.accel[0]
         error = jnp.stack([bias, jnp.zeros_like(bias)])
         meter, forces = self.forces.read(state.forces, sample, seen, x[SPEED], error, dt)
         u, z = self._along(state, held, seen, forces, sample, across[V_Y], dt)
+        pitch = state.pitch
+        if "attitude" in self.sensors:
+            bank = jnp.stack([across[BANK], across_std[BANK]]) / GRAVITY
+            pitch, pitching = self.pitch.read(pitch, sample, u.turning, u.smooth_across, bank, dt)
+            u = u._replace(pitching=pitching)
         along, info = self.filter.step(self.along, state.along, u, z, dt)
+        if "attitude" in self.sensors:
+            row = self.sensors.index("attitude")
+            seems = info.innovation[row], root(info.S[row, row]), u.sensor_std[row]
+            pitch = self.pitch.judge(pitch, *seems, dt)
         speed, speed_std = along.gaussian.mean[SPEED], along.gaussian.std[SPEED]
         gain = u.accel - along.gaussian.mean[SLOPE] - along.gaussian.mean[BIAS]
         lagged, touch = self.contact.touch(state.lagged, seen, forces, speed, speed_std, gain, dt)
@@ -194,7 +209,7 @@ class Joint(Estimator[JointState]):
         speed_age = jnp.where(told, 0.0, state.speed_age + dt)
         faulty = jnp.any(seen.is_faulty) | jnp.any(along.rejected > 0)
         fault_age = jnp.where(faulty, state.fault_age + dt, 0.0)
-        new = JointState(held, meter, along, bank, lagged, speed_age, fault_age, forces, state.validity)
+        new = JointState(held, meter, along, bank, pitch, lagged, speed_age, fault_age, forces, state.validity)
         validity = self._validity(new, info)
         info = eqx.tree_at(lambda i: i.log_likelihood, info, info.log_likelihood + likelihood)
         return new._replace(validity=validity), info
@@ -230,6 +245,9 @@ class Joint(Estimator[JointState]):
             rolling=forces.rolling,
             speed=speed,
             intensity=intensity,
+            smooth_across=forces.accel[1],
+            turning=turning,
+            pitching=Pitching(jnp.zeros(()), jnp.zeros(())),
             sensor_std=jnp.zeros(0),
         )
         parts, stds = [], []
@@ -254,6 +272,9 @@ class Joint(Estimator[JointState]):
             more = seen.smooth[ACCEL_X] - forces.explained
             parts.append(jnp.where(both, more, jnp.nan)[None])
             stds.append((jnp.hypot(forces.intensity, self._accel_noise) / root(step))[None])
+        if "attitude" in self.sensors:
+            parts.append(jnp.where(jnp.isfinite(sample["pitch_rate"]), 0.0, jnp.nan)[None])
+            stds.append(lean_std(dt)[None])
         z, std = once((jnp.concatenate(parts), jnp.concatenate(stds)))
         return u._replace(sensor_std=std), z
 
