@@ -29,6 +29,7 @@ from roadstate.estimators.intake import (
     Signals,
     SignalState,
 )
+from roadstate.estimators.noise_learning import NoiseLearner, Unrest
 from roadstate.estimators.pitch import Pitching, PitchMeter, PitchState, lean_std
 from roadstate.estimators.signals import STANDSTILL_SPEED
 from roadstate.estimators.tire_contact import TireContact
@@ -45,6 +46,9 @@ _UNSEEN = 4.0  # m/s²/√Hz: of an acceleration that neither accelerometer nor 
 _LEAST_STEP = 1e-3  # s
 _AGE = 0.1  # s by which a satellite's speed may be late
 _LEAD_ERROR = 0.7  # 1σ of what is added to undo the low pass, as a share of it
+_LEARNED = ("vertical_speed", "traction", "attitude")  # sensors whose noise is learned
+_CALM = 0.1  # m/s²/√Hz: error of the torques' force beyond which it is not the usual one
+_MOVING = 2.0  # m/s from which sensors err as they usually do
 _PATIENCE = 300  # samples for which a spinning or locked wheel may be refused
 
 
@@ -52,7 +56,7 @@ class JointState(NamedTuple):
     """State of :class:`Joint`.
 
     Attributes:
-        signals, forces, along, bank, pitch: the parts'.
+        signals, forces, along, bank, pitch, unrest: the parts'.
         lagged: (2, 2) the axles' slip angles but for v_y, and their F_y/F_z, both slowed.
         speed_age: s since anything told the speed.
         fault_age: s for which some sensor has been refused or stuck.
@@ -65,6 +69,7 @@ class JointState(NamedTuple):
     along: FilterState
     bank: BankState
     pitch: PitchState
+    unrest: Unrest
     lagged: Float[Array, "2 2"]
     speed_age: Float[Array, ""]
     fault_age: Float[Array, ""]
@@ -121,6 +126,8 @@ class Joint(Estimator[JointState]):
     contact: TireContact
     bank: FrictionBank
     pitch: PitchMeter
+    learner: NoiseLearner
+    _learned: tuple[int, ...] = eqx.field(static=True)
     _knows_sides: bool = eqx.field(static=True)
     _sensor_std: Float[Array, " m"]
     _accel_noise: Float[Array, ""]
@@ -159,6 +166,8 @@ class Joint(Estimator[JointState]):
             contact=TireContact(vehicle),
             bank=FrictionBank(vehicle),
             pitch=PitchMeter(vehicle),
+            learner=NoiseLearner(),
+            _learned=tuple(i for i, sensor in enumerate(model.sensors) if sensor in _LEARNED),
             _knows_sides=sides,
             _sensor_std=jnp.asarray(np.array([noise.get(s, wheel) for s in model.sensors])),
             _accel_noise=leaf(sensors.accel.noise_density),
@@ -175,6 +184,7 @@ class Joint(Estimator[JointState]):
             along=self.filter.init(self.along),
             bank=self.bank.init(),
             pitch=self.pitch.init(),
+            unrest=self.learner.init(len(self._learned)),
             lagged=jnp.zeros((2, 2)),
             speed_age=zero + 1e6,
             fault_age=zero,
@@ -200,6 +210,7 @@ class Joint(Estimator[JointState]):
             row = self.sensors.index("attitude")
             seems = info.innovation[row], root(info.S[row, row]), u.sensor_std[row]
             pitch = self.pitch.judge(pitch, *seems, dt)
+        unrest = self._learn(state.unrest, info, u, forces, dt)
         speed, speed_std = along.gaussian.mean[SPEED], along.gaussian.std[SPEED]
         gain = u.accel - along.gaussian.mean[SLOPE] - along.gaussian.mean[BIAS]
         lagged, touch = self.contact.touch(state.lagged, seen, forces, speed, speed_std, gain, dt)
@@ -209,10 +220,18 @@ class Joint(Estimator[JointState]):
         speed_age = jnp.where(told, 0.0, state.speed_age + dt)
         faulty = jnp.any(seen.is_faulty) | jnp.any(along.rejected > 0)
         fault_age = jnp.where(faulty, state.fault_age + dt, 0.0)
-        new = JointState(held, meter, along, bank, pitch, lagged, speed_age, fault_age, forces, state.validity)
+        new = JointState(held, meter, along, bank, pitch, unrest, lagged, speed_age, fault_age, forces, state.validity)
         validity = self._validity(new, info)
         info = eqx.tree_at(lambda i: i.log_likelihood, info, info.log_likelihood + likelihood)
         return new._replace(validity=validity), info
+
+    def _learn(self, unrest: Unrest, info: Info, u: AlongInput, forces: AxleForces, dt: Array) -> Unrest:
+        """How noisy the sensors are, on the move and while forces are known."""
+        rows = jnp.asarray(self._learned, int)
+        stated = u.sensor_std[rows] / self.learner.scale(unrest)
+        calm = jnp.asarray([self.sensors[i] != "traction" for i in self._learned], bool)
+        usual = (calm | (forces.intensity < _CALM)) & (jnp.abs(u.speed) > _MOVING)
+        return self.learner.learn(unrest, info.innovation[rows] / stated, usual, dt)
 
     def _along(
         self,
@@ -268,14 +287,19 @@ class Joint(Estimator[JointState]):
                 parts.append(jnp.where(jnp.isfinite(value), value, jnp.nan)[None])
                 stds.append(std[None])
         if self.forces.has_torque:
-            both = seen.is_fresh[ACCEL_X] & (forces.age < STALE)
+            told = seen.is_fresh[ACCEL_X] & (forces.age < STALE)
             more = seen.smooth[ACCEL_X] - forces.explained
-            parts.append(jnp.where(both, more, jnp.nan)[None])
-            stds.append((jnp.hypot(forces.intensity, self._accel_noise) / root(step))[None])
+            parts.append(jnp.where(told, more, jnp.nan)[None])
+            both = jnp.hypot(forces.intensity, self._accel_noise)
+            stds.append((both / root(step))[None])
+            # whatever parts accelerometer and torques, the accelerometer's noise is no more than that
+            found = self.learner.scale(state.unrest)[self._learned.index(self.sensors.index("traction"))]
+            u = u._replace(intensity=jnp.where(felt, jnp.minimum(u.intensity, found * both), u.intensity))
         if "attitude" in self.sensors:
             parts.append(jnp.where(jnp.isfinite(sample["pitch_rate"]), 0.0, jnp.nan)[None])
             stds.append(lean_std(dt)[None])
         z, std = once((jnp.concatenate(parts), jnp.concatenate(stds)))
+        std = std.at[jnp.asarray(self._learned, int)].multiply(self.learner.scale(state.unrest))
         return u._replace(sensor_std=std), z
 
     def _validity(self, state: JointState, info: Info) -> Int[Array, ""]:
