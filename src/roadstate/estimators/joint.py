@@ -202,8 +202,8 @@ class Joint(Estimator[JointState]):
         u, z = self._along(state, held, seen, forces, sample, across[V_Y], dt)
         pitch = state.pitch
         if "attitude" in self.sensors:
-            bank = jnp.stack([across[BANK], across_std[BANK]]) / GRAVITY
-            pitch, pitching = self.pitch.read(pitch, sample, u.turning, u.smooth_across, bank, dt)
+            tilt = jnp.stack([across[BANK], across_std[BANK]]) / GRAVITY
+            pitch, pitching = self.pitch.read(pitch, sample, u.turning, u.smooth_across, tilt, dt)
             u = u._replace(pitching=pitching)
         along, info = self.filter.step(self.along, state.along, u, z, dt)
         if "attitude" in self.sensors:
@@ -220,7 +220,9 @@ class Joint(Estimator[JointState]):
         speed_age = jnp.where(told, 0.0, state.speed_age + dt)
         faulty = jnp.any(seen.is_faulty) | jnp.any(along.rejected > 0)
         fault_age = jnp.where(faulty, state.fault_age + dt, 0.0)
-        new = JointState(held, meter, along, bank, pitch, unrest, lagged, speed_age, fault_age, forces, state.validity)
+        new = JointState(
+            held, meter, along, bank, pitch, unrest, lagged, speed_age, fault_age, forces, state.validity
+        )
         validity = self._validity(new, info)
         info = eqx.tree_at(lambda i: i.log_likelihood, info, info.log_likelihood + likelihood)
         return new._replace(validity=validity), info
@@ -231,7 +233,7 @@ class Joint(Estimator[JointState]):
         stated = u.sensor_std[rows] / self.learner.scale(unrest)
         calm = jnp.asarray([self.sensors[i] != "traction" for i in self._learned], bool)
         usual = (calm | (forces.intensity < _CALM)) & (jnp.abs(u.speed) > _MOVING)
-        return self.learner.learn(unrest, info.innovation[rows] / stated, usual, dt)
+        return self.learner.learn(unrest, info.innovation[rows], stated, usual, dt)
 
     def _along(
         self,
@@ -299,7 +301,9 @@ class Joint(Estimator[JointState]):
             parts.append(jnp.where(jnp.isfinite(sample["pitch_rate"]), 0.0, jnp.nan)[None])
             stds.append(lean_std(dt)[None])
         z, std = once((jnp.concatenate(parts), jnp.concatenate(stds)))
-        std = std.at[jnp.asarray(self._learned, int)].multiply(self.learner.scale(state.unrest))
+        last = len(self._learned)
+        which = [self._learned.index(i) if i in self._learned else last for i in range(len(self.sensors))]
+        std = std * jnp.append(self.learner.scale(state.unrest), 1.0)[np.array(which)]
         return u._replace(sensor_std=std), z
 
     def _validity(self, state: JointState, info: Info) -> Int[Array, ""]:

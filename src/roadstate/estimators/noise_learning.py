@@ -10,8 +10,9 @@ from jaxtyping import Array, Bool, Float
 
 _SLOW = 1.0  # s: of an innovation only what lasts as long counts, for so long a filter averages
 _MEMORY = 60.0  # s over which its square is averaged
-_DOUBT = 15.0  # s of samples that the file's word counts for
+_DOUBT = 4.0  # s of samples that the file's word counts for
 _MARGIN = 1.5  # times what was found is taken
+_LEAST_STEP = 1e-3  # s
 _LEAST = 0.05  # of the file's variance, whatever was found
 
 
@@ -48,22 +49,28 @@ class NoiseLearner(eqx.Module):
         return Unrest(zero, zero + 1.0, zero, zero)
 
     def learn(
-        self, state: Unrest, innovation: Float[Array, " k"], usual: Bool[Array, " k"], dt: Float[Array, ""]
+        self,
+        state: Unrest,
+        innovation: Float[Array, " k"],
+        stated: Float[Array, " k"],
+        usual: Bool[Array, " k"],
+        dt: Float[Array, ""],
     ) -> Unrest:
         """Take innovations ``dt`` after the last.
 
         Args:
             state: from :meth:`init` or the last call.
-            innovation: over the file's 1σ; NaN where there is none.
-            usual: whether that 1σ is the sensor's usual one.
+            innovation: NaN where there is none.
+            stated: the file's 1σ of a sample, in the same unit.
+            usual: whether that is the sensor's usual one.
             dt: s.
         """
         age = state.age + dt
         seen = jnp.isfinite(innovation)
         counts = seen & usual
-        pace = jnp.where(counts, -jnp.expm1(-age / _SLOW), 0.0)
-        low = state.low + pace * (jnp.where(counts, innovation, 0.0) - state.low)
-        pace = jnp.maximum(pace, 1e-9)
+        pace = -jnp.expm1(-jnp.maximum(age, _LEAST_STEP) / _SLOW)
+        ratio = jnp.where(counts, innovation, 0.0) / stated
+        low = state.low + jnp.where(counts, pace, 0.0) * (ratio - state.low)
         found = low**2 * (2 - pace) / pace
         heard = state.heard + jnp.where(counts, age, 0.0)
         weight = jnp.where(counts, age / jnp.minimum(heard + _DOUBT, _MEMORY), 0.0)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from typing import TYPE_CHECKING, NamedTuple
 
 import equinox as eqx
@@ -12,6 +11,7 @@ from jaxtyping import Array, Float
 from roadstate.estimators.base import Sample, leaf
 from roadstate.estimators.intake import STALE
 from roadstate.estimators.signals import Held
+from roadstate.linalg import root
 
 if TYPE_CHECKING:
     from roadstate.vehicles import Vehicle
@@ -137,7 +137,7 @@ class PitchMeter(eqx.Module):
         """
         gap = jnp.where(jnp.isfinite(innovation), innovation, state.apart)
         apart = state.apart - jnp.expm1(-dt / _ODD_TIME) * (gap - state.apart)
-        expected = jnp.sqrt(jnp.maximum(innovation_std**2 - sensor_std**2, 0.0))
+        expected = root(innovation_std**2 - sensor_std**2)
         odd = jnp.abs(apart) > jnp.maximum(_ODD, _SURE * expected)
         distrust = jnp.where(odd, _DISTRUST, jnp.maximum(state.distrust - dt, 0.0))
         return state._replace(apart=jnp.where(odd, 0.0, apart), distrust=distrust)
