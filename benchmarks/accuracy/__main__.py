@@ -66,6 +66,7 @@ def main() -> None:
 
     from roadstate.core.numerics import use_compilation_cache
     from roadstate.core.tabular import atomic_path
+    from roadstate.run import smooth
 
     given = _arguments()
     use_compilation_cache()
@@ -85,6 +86,7 @@ def main() -> None:
                 drives=given.drives,
                 by_drive=given.by_drive,
                 cache=given.cache,
+                smooth=smooth,
                 progress=progress,
             )
         if "real" in wanted:

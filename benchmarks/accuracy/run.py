@@ -196,7 +196,7 @@ def _estimate(
         runs = Runs(vehicle, drive, variant, name, cut, cars, condition.made[key])
         for group in (*asking, *takers):
             group.add(runs)
-        if smooth is not None and variant == SATELLITE and "grade" in gives:
+        if smooth is not None and variant == SATELLITE and built[0].smoothable and "grade" in gives:
             tell(f"{name}, smoothed")
             smoothed = [smooth(estimator, log) for estimator, log in zip(built, cut, strict=True)]
             for group in (g for g in asking if (drive, BUS) in g.drives):

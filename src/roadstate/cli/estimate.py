@@ -27,6 +27,10 @@ def estimate(
     estimator: options.EstimatorNames = None,
     rate: options.Rate = None,
     separate: options.Separate = False,
+    smooth: Annotated[
+        bool,
+        typer.Option("--smooth", help="Let each sample know of those after it, too: for mapping the road."),
+    ] = False,
     report: Annotated[bool, typer.Option("--report", help="Write an HTML report of each log, too.")] = False,
     as_json: options.AsJson = False,
 ) -> None:
@@ -35,6 +39,10 @@ def estimate(
     Writes DIR/LOG.ESTIMATOR.parquet with a column per quantity and its standard deviation, and
     DIR/summary.json. LOG is the name of the first FILE without its suffix. Nothing is written unless
     everything succeeds.
+
+    With --smooth grade, speed, altitude, mass and biases are those of a Rauch-Tung-Striebel smoother, as far
+    as an estimator tells of them; friction, forces and bank stay as they were known at the time. Not every
+    estimator can be smoothed; without --estimator all run that can.
 
     \b
     Example:
@@ -53,9 +61,9 @@ def estimate(
     source = Source(tuple(files), mapping, tuple(dbc or ()), rate, separate)
     asked = list(estimator or ())
     written: list[str] = []
-    summary = Summary(source, car, vehicle, asked)
+    summary = Summary(source, car, vehicle, asked, smooth)
     with staged(out) as folder, working() as work:
-        for run in run_all(source, car, asked, work):
+        for run in run_all(source, car, asked, work, smooth=smooth):
             written += write_run(folder, run)
             if report:
                 work.begin(f"{run.name}: report")
@@ -71,12 +79,14 @@ def estimate(
 class Summary:
     """The content of ``summary.json``, log by log."""
 
-    def __init__(self, source: Source, car: Vehicle, given: str, estimators: Sequence[str]) -> None:
+    def __init__(
+        self, source: Source, car: Vehicle, given: str, estimators: Sequence[str], smooth: bool = False
+    ) -> None:
         from roadstate.cli.summary import settings, vehicle_summary, versions
 
         self.content: dict[str, Any] = {
             "versions": versions(),
-            "settings": settings(source, given, estimators),
+            "settings": settings(source, given, estimators, smooth),
             "vehicle": vehicle_summary(car, given),
             "logs": {},
         }
@@ -150,5 +160,8 @@ def _print(logs: dict[str, Any], written: list[str]) -> None:
                 when = f"{one['first_s']:.1f} to {one['last_s']:.1f} s, {100 * one['share']:.0f} %"
                 screen.print(text(f"{name}, {estimator}: {one['fault']} ({when})"), soft_wrap=True)
     screen.print("grade in % (100 tan θ) and degrees; ±1σ: mean standard deviation\n")
+    smoothed = {q for log in logs.values() for found in log["estimators"].values() for q in found["smoothed"]}
+    if smoothed:
+        screen.print(f"smoothed: {', '.join(sorted(smoothed))}; the rest as known at the time\n")
     for path in written:
         screen.print(text(path), soft_wrap=True)

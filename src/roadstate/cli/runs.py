@@ -37,7 +37,14 @@ class Run:
 
 
 def run_log(
-    name: str, log: Log, vehicle: Vehicle, estimators: Sequence[str], work: Work, *, settle: float = 0.0
+    name: str,
+    log: Log,
+    vehicle: Vehicle,
+    estimators: Sequence[str],
+    work: Work,
+    *,
+    settle: float = 0.0,
+    smooth: bool = False,
 ) -> Run:
     """Run estimators on a log and compare them with its references.
 
@@ -48,41 +55,48 @@ def run_log(
         estimators: names; none means all that the channels allow.
         work: told of the progress.
         settle: seconds at the start that the metrics leave out.
+        smooth: let each sample know of those after it, too.
 
     Raises:
-        InputError: an estimator's channels are missing, or there is none that the channels would do for.
+        InputError: an estimator's channels are missing, it cannot be smoothed, or there is none that the
+            channels would do for.
     """
     from roadstate.core.numerics import use_compilation_cache
     from roadstate.estimators import build
     from roadstate.metrics import evaluate
+    from roadstate.run.smooth import smoothable
 
     use_compilation_cache()
-    chosen = list(dict.fromkeys(estimators)) or _all_that_run(log)
+    chosen = list(dict.fromkeys(estimators)) or _all_that_run(log, smooth)
     built = [build(one, vehicle, log.available) for one in chosen]
+    if smooth:
+        for estimator in built:
+            smoothable(estimator)
     work.begin(f"{name}: {', '.join(chosen)}")
-    results = dict(zip(chosen, _scan_together(built, log, work), strict=True))
+    results = dict(zip(chosen, _run_together(built, log, work, smooth), strict=True))
     metrics = {one: evaluate(estimates, log, settle=settle) for one, estimates in results.items()}
     return Run(name, log, results, {one: m for one, m in metrics.items() if m})
 
 
-def _scan_together(built: Sequence[Estimator[Any]], log: Log, work: Work) -> list[Estimates]:
-    """Scan with all estimators at once: compiling and running one leaves the other cores idle."""
-    from roadstate.run import scan
+def _run_together(built: Sequence[Estimator[Any]], log: Log, work: Work, smooth: bool) -> list[Estimates]:
+    """Run all estimators at once: compiling and running one leaves the other cores idle."""
+    from roadstate import run
 
+    over = run.smooth if smooth else run.scan
     done = [0] * len(built)
     stop = Event()
 
-    def scan_one(i: int) -> Estimates:
+    def run_one(i: int) -> Estimates:
         def progress(samples: int, total: int) -> None:
             if stop.is_set():
                 raise InterruptedError
             done[i] = samples
             work.advance(sum(done), total * len(built))
 
-        return scan(built[i], log, progress=progress)
+        return over(built[i], log, progress=progress)
 
     with ThreadPoolExecutor(min(len(built), os.cpu_count() or 1)) as pool:
-        futures = [pool.submit(scan_one, i) for i in range(len(built))]
+        futures = [pool.submit(run_one, i) for i in range(len(built))]
         try:
             return [future.result() for future in futures]
         except BaseException:
@@ -97,6 +111,7 @@ def run_all(
     work: Work,
     *,
     settle: float = 0.0,
+    smooth: bool = False,
     needs_reference: bool = False,
 ) -> Iterator[Run]:
     """Read and run one log after another, so that only one is in memory.
@@ -107,6 +122,7 @@ def run_all(
         estimators: names; none means all that the channels allow.
         work: told of the progress.
         settle: seconds at the start that the metrics leave out.
+        smooth: let each sample know of those after it, too.
         needs_reference: refuse a log without one.
 
     Raises:
@@ -120,7 +136,7 @@ def run_all(
         with naming(groups[name][0]):
             if needs_reference:
                 _check_reference(log)
-            run = run_log(name, log, vehicle, estimators, work, settle=settle)
+            run = run_log(name, log, vehicle, estimators, work, settle=settle, smooth=smooth)
         yield run
         work.begin("reading")
 
@@ -133,14 +149,14 @@ def _check_reference(log: Log) -> None:
         )
 
 
-def _all_that_run(log: Log) -> list[str]:
+def _all_that_run(log: Log, smooth: bool) -> list[str]:
     from roadstate.estimators import all_estimators, runnable
 
-    names = runnable(log.available)
+    kinds = {n: e for n, e in all_estimators().items() if e.smoothable is not None or not smooth}
+    names = [name for name in runnable(log.available) if name in kinds]
     if not names:
         missing = {
-            name: [need for need in e.needs if not need.is_met(log.available)]
-            for name, e in all_estimators().items()
+            name: [need for need in e.needs if not need.is_met(log.available)] for name, e in kinds.items()
         }
         least = min(len(m) for m in missing.values())
         needs = "; ".join(f"{name} needs {needs_text(m)}" for name, m in missing.items() if len(m) == least)

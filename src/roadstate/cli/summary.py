@@ -29,7 +29,7 @@ def versions() -> dict[str, str]:
     }
 
 
-def settings(source: Source, vehicle: str, estimators: Sequence[str]) -> dict[str, Any]:
+def settings(source: Source, vehicle: str, estimators: Sequence[str], smooth: bool = False) -> dict[str, Any]:
     """What the user asked for; ``None`` and empty where it was left to roadstate."""
     return {
         "vehicle": vehicle,
@@ -37,6 +37,7 @@ def settings(source: Source, vehicle: str, estimators: Sequence[str]) -> dict[st
         "dbc": [str(d) for d in source.dbc],
         "rate": source.rate,
         "estimators": list(estimators),
+        "smooth": smooth,
     }
 
 
@@ -68,6 +69,7 @@ def estimates_summary(estimates: Estimates) -> dict[str, Any]:
         },
         "validity": {label: share for label, share in shares.items() if share > 0},
         "faults": list(estimates.metadata.get("faults", [])),
+        "smoothed": list(estimates.metadata.get("smoothed", [])),
         "rejected": dict(estimates.metadata.get("rejected", {})),
         "nis_mean": float(np.mean(nis)) if len(nis) else None,
     }

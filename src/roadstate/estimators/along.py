@@ -10,11 +10,13 @@ import jax.numpy as jnp
 import jax.scipy.linalg as jsl
 import numpy as np
 from jaxtyping import Array, Bool, Float
+from numpy.typing import NDArray
 
 from roadstate.core.channels import WHEELS
 from roadstate.core.constants import GRAVITY
 from roadstate.core.gaussian import Gaussian
 from roadstate.estimators.base import leaf
+from roadstate.estimators.pitch import Pitching
 from roadstate.estimators.road import GradePrior
 from roadstate.estimators.tire_forces import BRAKE_RELATIVE
 from roadstate.linalg import root
@@ -41,6 +43,9 @@ class AlongInput(NamedTuple):
         rolling: g with the sign of the speed: what the coefficient of rolling resistance multiplies, m/s².
         speed: so far, m/s.
         intensity: of the acceleration's white error, m/s²/√Hz.
+        smooth_across: low-passed specific force across, freed of roll, m/s².
+        turning: yaw rate, rad/s.
+        pitching: what turns the body's attitude.
         sensor_std: (m,) 1σ of a sample.
     """
 
@@ -51,23 +56,30 @@ class AlongInput(NamedTuple):
     rolling: Float[Array, ""]
     speed: Float[Array, ""]
     intensity: Float[Array, ""]
+    smooth_across: Float[Array, ""]
+    turning: Float[Array, ""]
+    pitching: Pitching
     sensor_std: Float[Array, " m"]
 
 
 class AlongModel(StateSpaceModel):
-    """x = [v_x, g sin θ, its rate of distance, b, κ | ε_m, γ_d, γ_b, δf | ε_R | z, z_wander], affine in x.
+    """Speed, slope, and the errors of sensors and car, as far as the channels tell of them; affine in x.
 
-    v̇_x = a_x − b − κ ā_x − g sin θ + v_y r. The groups behind the bars are there when the channels are that
-    tell of them: relative errors of mass, drive torque and brake torque and the error of rolling resistance
-    with torques; of the rolling radius with a speed that is not the wheels'; height with an altitude.
+    x = [v_x, g sin θ, its rate of distance, b, κ | ψ_m | δk, b_q, δk_φ, φ_m | ε_m, γ_d, γ_b, δf | ε_R | Θ |
+    z, z_wander], with v̇_x = a_x − b − κ ā_x − ψ_m ā_y − g sin θ + v_y r: bias, scale and mounting yaw of the
+    accelerometer (the last with a lateral one); with a pitch rate the errors of the pitch gradient k, of the
+    gyroscope, of the roll gradient and the mounting roll, and the body's nose-up attitude Θ̇ = Θ̇_told + b_q +
+    r (δk_φ ā_y + φ_m); with torques the relative errors of mass, drive and brakes and that of the rolling
+    resistance; that of the rolling radius with a speed that is not the wheels'; height with an altitude.
 
-    Sensors: the wheels' speeds (freed of slip and yaw), the speed signal, ``traction``: how much more the
-    accelerometer reads than the torques explain, b + κ ā_x + (γ_d − ε_m) a_d − (γ_b − ε_m) a_b − δf g;
-    altitude; rate of climb.
+    Sensors: the wheels' speeds (freed of slip and yaw), the speed signal, altitude, rate of climb;
+    ``traction``: how much more the accelerometer reads than the torques explain, b + κ ā_x + ψ_m ā_y +
+    (γ_d − ε_m) a_d − (γ_b − ε_m) a_b − δf g; ``attitude``: how much more the body pitches than by the slope
+    and its lean, 0 = Θ − θ − (k + δk) ā_x.
 
     Attributes:
         road: how g sin θ changes along the road.
-        slow_std: 1σ of the states from b to ε_R.
+        slow_factor: of the covariance of the states from b to ε_R: κ = g δk + the accelerometer's own.
         slow_time: s, how long they last.
         wander: 1σ (m) and duration (s) of the altitude's slow error.
     """
@@ -75,17 +87,26 @@ class AlongModel(StateSpaceModel):
     states: tuple[str, ...] = eqx.field(static=True)
     sensors: tuple[str, ...] = eqx.field(static=True)
     road: GradePrior
-    slow_std: Float[Array, " k"]
+    slow_factor: Float[Array, "k k"]
     slow_time: Float[Array, " k"]
     wander: Float[Array, " 2"]
+    lean_gradient: Float[Array, ""]
 
     def __init__(self, vehicle: Vehicle, available: Collection[str], *, has_torque: bool) -> None:
         prior, sensors = vehicle.prior, vehicle.sensors
         wheels = tuple(f"wheel_speed_{w}" for w in WHEELS if f"wheel_speed_{w}" in available)
+        tilt = sensors.accel.bias / GRAVITY  # the bias is mostly one of mounting
         slow = {
             "accel_x_bias": (sensors.accel.bias, _LASTING),
             "accel_x_scale": (float(np.hypot(GRAVITY * prior.pitch_gradient_std, _ACCEL_SCALE)), _LASTING),
         }
+        if "accel_y" in available:
+            slow["mounting_yaw"] = (tilt, _LASTING)
+        if "pitch_rate" in available:
+            slow["lean_gradient"] = (prior.pitch_gradient_std, _LASTING)
+            slow["pitch_rate_bias"] = (sensors.yaw_rate.bias, _LASTING)
+            slow["roll_gradient"] = (prior.pitch_gradient_std, _LASTING)
+            slow["mounting_roll"] = (tilt, _LASTING)
         if has_torque:
             at_wheels = any(c.startswith("drive_torque") for c in available)
             torque = sensors.wheel_torque if at_wheels else sensors.engine_torque
@@ -98,10 +119,12 @@ class AlongModel(StateSpaceModel):
             slow["wheel_radius"] = (sensors.wheel_speed.scale, _LASTING)
         aids = [c for c in ("speed", "altitude", "vertical_speed") if c in available]
         height = ("altitude", "altitude_error") if "altitude" in available else ()
-        self.states = ("speed", "slope", "slope_rate", *slow, *height)
-        self.sensors = (*wheels, *aids, *(["traction"] if has_torque else []))
+        attitude = ("attitude",) if "pitch_rate" in available else ()
+        self.states = ("speed", "slope", "slope_rate", *slow, *attitude, *height)
+        self.sensors = (*wheels, *aids, *(["traction"] if has_torque else []), *attitude)
         self.road = GradePrior(leaf(GRAVITY * prior.grade_std), leaf(prior.grade_correlation_length))
-        self.slow_std = jnp.asarray(np.array([std for std, _ in slow.values()]))
+        self.slow_factor = jnp.asarray(_slow_factor({name: std for name, (std, _) in slow.items()}))
+        self.lean_gradient = leaf(vehicle.body.pitch_gradient)
         self.slow_time = jnp.asarray(np.array([time for _, time in slow.values()]))
         self.wander = jnp.asarray([sensors.altitude.wander, sensors.altitude.wander_time])
 
@@ -111,15 +134,26 @@ class AlongModel(StateSpaceModel):
 
     def f(self, x: Float[Array, " n"], u: AlongInput, dt: Float[Array, ""]) -> Float[Array, " n"]:
         """Explicit Euler in the speed, exact in the rest."""
-        count = len(self.slow_std)
-        along = u.accel - x[SLOPE] - x[BIAS] - x[SCALE] * u.smooth_accel
+        count = len(self.slow_time)
+        along = u.accel - x[SLOPE] - self.accel_error(x, u)
         road = self.road.transition(jnp.abs(u.speed) * dt) @ x[1:3]
         slow = x[3 : 3 + count] * jnp.exp(-dt / self.slow_time)
         parts = [x[:1] + dt * along, road, slow]
-        if len(self.states) > 3 + count:
+        if "attitude" in self.states:
+            roll = x[self.place("mounting_roll")] + x[self.place("roll_gradient")] * u.smooth_across
+            rate = u.pitching.rate + x[self.place("pitch_rate_bias")] + u.turning * roll
+            parts.append((x[3 + count] + dt * rate)[None])
+        if "altitude" in self.states:
             climb = x[-2] + dt * u.speed * x[SLOPE] / GRAVITY
             parts.append(jnp.stack([climb, x[-1] * jnp.exp(-dt / self.wander[1])]))
         return jnp.concatenate(parts)
+
+    def accel_error(self, x: Float[Array, " n"], u: AlongInput) -> Float[Array, ""]:
+        """By how much the accelerometer reads too high, m/s²."""
+        error = x[BIAS] + x[SCALE] * u.smooth_accel
+        if "mounting_yaw" in self.states:
+            error += x[self.place("mounting_yaw")] * u.smooth_across
+        return error
 
     def h(self, x: Float[Array, " n"], u: AlongInput) -> Float[Array, " m"]:
         """In the order of the sensors."""
@@ -132,7 +166,10 @@ class AlongModel(StateSpaceModel):
             elif sensor == "traction":
                 mass, drive, brake, rolling = (x[self.place("mass") + i] for i in range(4))
                 gains = (drive - mass) * u.drive - (brake - mass) * u.brake - rolling * u.rolling
-                rows.append(x[BIAS] + x[SCALE] * u.smooth_accel + gains)
+                rows.append(self.accel_error(x, u) + gains)
+            elif sensor == "attitude":
+                lean = (self.lean_gradient + x[self.place("lean_gradient")]) * u.smooth_accel
+                rows.append(x[self.place("attitude")] - x[SLOPE] / GRAVITY - lean)
             elif sensor != "speed" and "wheel_radius" in self.states:
                 rows.append(x[SPEED] - u.speed * x[self.place("wheel_radius")])
             else:
@@ -141,9 +178,11 @@ class AlongModel(StateSpaceModel):
 
     def sqrt_Q(self, u: AlongInput, dt: Float[Array, ""]) -> Float[Array, "n n"]:
         """White acceleration, the road, and what slowly forgets."""
-        slow = self.slow_std * root(-jnp.expm1(-2 * dt / self.slow_time))
-        blocks = [u.intensity[None, None] * root(dt), self.road.sqrt_Q(jnp.abs(u.speed) * dt), jnp.diag(slow)]
-        if len(self.states) > 3 + len(self.slow_std):
+        slow = root(-jnp.expm1(-2 * dt / self.slow_time))[:, None] * self.slow_factor
+        blocks = [u.intensity[None, None] * root(dt), self.road.sqrt_Q(jnp.abs(u.speed) * dt), slow]
+        if "attitude" in self.states:
+            blocks.append(u.pitching.intensity[None, None] * root(dt))
+        if "altitude" in self.states:
             # roads' unevenness and a slope that is not the car's path keep the height from being frozen
             height = 0.02 * root(jnp.abs(u.speed) * dt)
             wander = self.wander[0] * root(-jnp.expm1(-2 * dt / self.wander[1]))
@@ -160,16 +199,27 @@ class AlongModel(StateSpaceModel):
         What has been learnt of the slope, biases and the car may all come from that sensor.
         """
         prior = self.prior()
-        count = 3 + len(self.slow_std)
+        count = 3 + len(self.slow_time)
         kept = (np.arange(len(self.states)) == SPEED) | (np.arange(len(self.states)) >= count)
         factor = prior.factor.at[SPEED, SPEED].set(_CAUGHT)
         mean = jnp.where(caught & (~kept), prior.mean, gaussian.mean)
         return Gaussian(mean, jnp.where(caught, factor, gaussian.factor))
 
     def prior(self) -> Gaussian:
-        """Any speed a road car has, the road's own slope, any height on land."""
-        std = [jnp.asarray([30.0]), self.road.stationary_std, self.slow_std]
-        if len(self.states) > 3 + len(self.slow_std):
-            std.append(jnp.stack([jnp.asarray(2000.0), self.wander[0]]))
-        whole = jnp.concatenate(std)
-        return Gaussian(jnp.zeros_like(whole), jnp.diag(whole))
+        """Any speed a road car has, the road's own slope, any attitude, any height on land."""
+        blocks = [jnp.asarray([[30.0]]), jnp.diag(self.road.stationary_std), self.slow_factor]
+        if "attitude" in self.states:
+            blocks.append(jnp.asarray([[0.3]]))
+        if "altitude" in self.states:
+            blocks.append(jnp.diag(jnp.stack([jnp.asarray(2000.0), self.wander[0]])))
+        return Gaussian(jnp.zeros(len(self.states)), jnp.asarray(jsl.block_diag(*blocks)))
+
+
+def _slow_factor(std: dict[str, float]) -> NDArray[np.float64]:
+    """Lower-triangular; a body that leans more than the file says tilts the accelerometer, too."""
+    factor, names = np.diag(np.array(list(std.values()))), list(std)
+    if "lean_gradient" in names:
+        scale, lean = names.index("accel_x_scale"), names.index("lean_gradient")
+        share = GRAVITY * std["lean_gradient"] / std["accel_x_scale"]
+        factor[lean, [scale, lean]] = std["lean_gradient"] * np.array([share, np.sqrt(1 - share**2)])
+    return factor

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, Self, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, NamedTuple, Self, TypeVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -59,6 +59,20 @@ class Need:
         return any(all(c in available for c in group) for group in self.alternatives)
 
 
+class Smoothable(NamedTuple):
+    """Where an estimator keeps the Gaussian filter by which it can be smoothed after the drive.
+
+    Attributes:
+        filter: name of the estimator's field that holds the filter; it is used by its ``step`` alone.
+        state: name of the field of the estimator's state that holds the filter's.
+        quantities: what is told of that filter's Gaussian, as far as the channels allow.
+    """
+
+    filter: str
+    state: str
+    quantities: tuple[str, ...]
+
+
 S = TypeVar("S")
 
 
@@ -69,6 +83,7 @@ class Estimator(eqx.Module, Generic[S]):
     (arrays), so they can be batched and differentiated, and changing one compiles nothing anew.
 
     Attributes:
+        smoothable: by what :func:`roadstate.run.smooth` smooths it; ``None`` where nothing does.
         channels: canonical channels read from each sample.
         sensors: names of the filter's sensors: the rows of :class:`Info`.
     """
@@ -77,6 +92,7 @@ class Estimator(eqx.Module, Generic[S]):
     summary: ClassVar[str]
     needs: ClassVar[tuple[Need, ...]]
     optional: ClassVar[tuple[str, ...]] = ()
+    smoothable: ClassVar[Smoothable | None] = None
 
     channels: eqx.AbstractVar[tuple[str, ...]]
     sensors: eqx.AbstractVar[tuple[str, ...]]

@@ -15,7 +15,7 @@ from roadstate.core.channels import WHEELS
 from roadstate.core.constants import GRAVITY
 from roadstate.core.estimates import Validity
 from roadstate.core.gaussian import Gaussian, Info
-from roadstate.estimators.base import Estimate, Estimator, Need, Sample, leaf
+from roadstate.estimators.base import Estimate, Estimator, Need, Sample, Smoothable, leaf
 from roadstate.estimators.road import GradePrior
 from roadstate.estimators.signals import (
     STANDSTILL_SPEED,
@@ -156,6 +156,7 @@ class DEBE(Estimator[DEBEState]):
         *("yaw_rate", "steer", "steering_wheel", "accel_x", "brake"),
         *(f"{kind}_{w}" for kind in ("brake_torque", "brake_pressure") for w in WHEELS),
     )
+    smoothable: ClassVar[Smoothable | None] = Smoothable("filter", "filter", ("grade", "speed"))
 
     channels: tuple[str, ...] = eqx.field(static=True)
     sensors: tuple[str, ...] = eqx.field(static=True)

@@ -16,7 +16,7 @@ from roadstate.core.constants import GRAVITY
 from roadstate.core.estimates import Validity
 from roadstate.core.gaussian import Info
 from roadstate.estimators.along import BIAS, SCALE, SLOPE, SPEED, AlongInput, AlongModel
-from roadstate.estimators.base import Estimate, Estimator, Need, Sample, leaf
+from roadstate.estimators.base import Estimate, Estimator, Need, Sample, Smoothable, leaf
 from roadstate.estimators.contact_forces import AxleForces, ForceMeter, ForceMeterState
 from roadstate.estimators.friction_bank import BANK, BIAS_Y, LEVER, V_Y, VIEWS, BankState, FrictionBank
 from roadstate.estimators.intake import (
@@ -34,6 +34,8 @@ from roadstate.estimators.intake import (
     SignalState,
     sensor_fault_names,
 )
+from roadstate.estimators.noise_learning import NoiseLearner, Unrest
+from roadstate.estimators.pitch import Pitching, PitchMeter, PitchState, lean_std
 from roadstate.estimators.plausibility import TORQUE, Plausibility, PlausibilityState
 from roadstate.estimators.redundancy import GROUP, YAW
 from roadstate.estimators.signals import STANDSTILL_SPEED
@@ -57,6 +59,9 @@ _LATE = 0.01  # s: age of inertial signals, and what the body's roll adds to it
 _NEVER = 1e6  # s
 _AFRESH = 0.4  # s until what is slowed has forgotten a sensor that lied
 _LATE_TIME = 0.5  # s: how long an error of a late signal lasts
+_LEARNED = ("vertical_speed", "traction", "attitude")  # sensors whose noise is learned
+_CALM = 0.1  # m/s²/√Hz: error of the torques' force beyond which it is not the usual one
+_MOVING = 2.0  # m/s from which sensors err as they usually do
 _PATIENCE = 300  # samples for which a spinning or locked wheel may be refused
 
 
@@ -64,7 +69,7 @@ class JointState(NamedTuple):
     """State of :class:`Joint`.
 
     Attributes:
-        watch, signals, trust, forces, along, contact, bank: the parts'.
+        watch, signals, trust, forces, along, contact, bank, pitch, unrest: the parts'.
         speed_age: s since anything told the speed.
         doubt: s for which nothing is learnt of friction yet, since a sensor was caught.
         fault_age: (8 + m,) s for which each inertial, steering and wheel signal has been refused or stuck,
@@ -81,6 +86,8 @@ class JointState(NamedTuple):
     along: FilterState
     contact: ContactState
     bank: BankState
+    pitch: PitchState
+    unrest: Unrest
     speed_age: Float[Array, ""]
     doubt: Float[Array, ""]
     fault_age: Float[Array, " k"]
@@ -122,8 +129,11 @@ class Joint(Estimator[JointState]):
     )
     optional: ClassVar[tuple[str, ...]] = (
         *("accel_y", "yaw_rate", "steer", "steering_wheel", "speed", *WHEEL_SPEEDS),
-        *("altitude", "vertical_speed", "gear_ratio", "engine_torque", "engine_speed", "brake"),
+        *("altitude", "vertical_speed", "pitch_rate", "gear_ratio", "engine_torque", "engine_speed", "brake"),
         *(f"{kind}_{w}" for kind in ("drive_torque", "brake_torque", "brake_pressure") for w in WHEELS),
+    )
+    smoothable: ClassVar[Smoothable | None] = Smoothable(
+        "filter", "along", ("grade", "speed", "altitude", "mass", "accel_x_bias")
     )
 
     channels: tuple[str, ...] = eqx.field(static=True)
@@ -136,6 +146,9 @@ class Joint(Estimator[JointState]):
     filter: KF
     contact: TireContact
     bank: FrictionBank
+    pitch: PitchMeter
+    learner: NoiseLearner
+    _learned: tuple[int, ...] = eqx.field(static=True)
     _knows_sides: bool = eqx.field(static=True)
     _sensor_std: Float[Array, " m"]
     _accel_noise: Float[Array, ""]
@@ -145,7 +158,7 @@ class Joint(Estimator[JointState]):
     @property
     def sensor_units(self) -> Mapping[str, str]:
         """As :attr:`Estimator.sensor_units`; wheels are read as speeds of the car."""
-        own = {**dict.fromkeys(WHEEL_SPEEDS, "m/s"), "traction": "m/s^2"}
+        own = {**dict.fromkeys(WHEEL_SPEEDS, "m/s"), "traction": "m/s^2", "attitude": "rad"}
         return {**super().sensor_units, **{s: unit for s, unit in own.items() if s in self.sensors}}
 
     @classmethod
@@ -159,9 +172,10 @@ class Joint(Estimator[JointState]):
             "altitude": sensors.altitude.noise,
             "vertical_speed": sensors.vertical_speed.noise,
             "traction": 0.0,
+            "attitude": 0.0,
         }
         wheel = vehicle.wheels.radius * sensors.wheel_speed.noise
-        aids = tuple(c for c in ("speed", "altitude", "vertical_speed") if c in available)
+        aids = tuple(c for c in ("speed", "altitude", "vertical_speed", "pitch_rate") if c in available)
         channels = tuple(dict.fromkeys((*signals.channels, *forces.channels, *aids)))
         sides = signals.has[ACCEL_Y] and signals.has[YAW_RATE]
         return cls(
@@ -175,6 +189,9 @@ class Joint(Estimator[JointState]):
             filter=KF(gate=GateRule(patience=_PATIENCE)),
             contact=TireContact(vehicle),
             bank=FrictionBank(vehicle),
+            pitch=PitchMeter(vehicle),
+            learner=NoiseLearner(),
+            _learned=tuple(i for i, sensor in enumerate(model.sensors) if sensor in _LEARNED),
             _knows_sides=sides,
             _sensor_std=jnp.asarray(np.array([noise.get(s, wheel) for s in model.sensors])),
             _accel_noise=leaf(sensors.accel.noise_density),
@@ -193,6 +210,8 @@ class Joint(Estimator[JointState]):
             along=self.filter.init(self.along),
             contact=self.contact.init(),
             bank=self.bank.init(),
+            pitch=self.pitch.init(),
+            unrest=self.learner.init(len(self._learned)),
             speed_age=zero + 1e6,
             doubt=zero,
             fault_age=jnp.zeros(len(ROWS) + len(self.sensors)),
@@ -203,7 +222,7 @@ class Joint(Estimator[JointState]):
 
     def step(self, state: JointState, sample: Sample, dt: Float[Array, ""]) -> tuple[JointState, Info]:
         """Signals, forces, motion along the road, then what goes on across it."""
-        x, across = state.along.gaussian.mean, self.bank.merged(state.bank)[0]
+        x, (across, across_std) = state.along.gaussian.mean, self.bank.merged(state.bank)
         held, raw = self.signals.read(state.signals, sample, x[SPEED], dt)
         raw, verdict = once((raw, self.trust.verdict(state.trust)))
         seen = once(self.trust.mend(state.trust, verdict, raw, x[SPEED]))
@@ -219,7 +238,17 @@ class Joint(Estimator[JointState]):
         lag = self.watch.lateness(watch, self.sensors)
         lasting = jnp.sqrt(_LATE_TIME / jnp.maximum(dt, _LEAST_STEP))
         u = u._replace(sensor_std=jnp.hypot(u.sensor_std, lag * u.smooth_accel * lasting))
+        pitch = state.pitch
+        if "attitude" in self.sensors:
+            tilt = jnp.stack([across[BANK], across_std[BANK]]) / GRAVITY
+            pitch, pitching = self.pitch.read(pitch, sample, u.turning, u.smooth_across, tilt, dt)
+            u = u._replace(pitching=pitching)
         along, info = self.filter.step(self.along, state.along, u, z, dt)
+        if "attitude" in self.sensors:
+            row = self.sensors.index("attitude")
+            seems = info.innovation[row], root(info.S[row, row]), u.sensor_std[row]
+            pitch = self.pitch.judge(pitch, *seems, dt)
+        unrest = self._learn(state.unrest, info, u, forces, dt)
         speed, speed_std = along.gaussian.mean[SPEED], along.gaussian.std[SPEED]
         gain = u.accel - along.gaussian.mean[SLOPE] - along.gaussian.mean[BIAS]
         contact, touch = self.contact.touch(contact, seen, forces, speed, speed_std, gain, dt)
@@ -249,6 +278,8 @@ class Joint(Estimator[JointState]):
             along,
             contact,
             bank,
+            pitch,
+            unrest,
             speed_age,
             doubt,
             fault_age,
@@ -259,6 +290,14 @@ class Joint(Estimator[JointState]):
         validity = self._validity(new, info)
         info = eqx.tree_at(lambda i: i.log_likelihood, info, info.log_likelihood + likelihood)
         return new._replace(validity=validity), info
+
+    def _learn(self, unrest: Unrest, info: Info, u: AlongInput, forces: AxleForces, dt: Array) -> Unrest:
+        """How noisy the sensors are, on the move and while forces are known."""
+        rows = jnp.asarray(self._learned, int)
+        stated = u.sensor_std[rows] / self.learner.scale(unrest)
+        calm = jnp.asarray([self.sensors[i] != "traction" for i in self._learned], bool)
+        usual = (calm | (forces.intensity < _CALM)) & (jnp.abs(u.speed) > _MOVING)
+        return self.learner.learn(unrest, info.innovation[rows], stated, usual, dt)
 
     def _along(
         self,
@@ -292,6 +331,9 @@ class Joint(Estimator[JointState]):
             rolling=forces.rolling,
             speed=speed,
             intensity=intensity,
+            smooth_across=forces.accel[1],
+            turning=turning,
+            pitching=Pitching(jnp.zeros(()), jnp.zeros(())),
             sensor_std=jnp.zeros(0),
         )
         parts, stds = [], []
@@ -316,11 +358,21 @@ class Joint(Estimator[JointState]):
                 parts.append(jnp.where(jnp.isfinite(value), value, jnp.nan)[None])
                 stds.append(std[None])
         if self.forces.has_torque:
-            both = seen.is_fresh[ACCEL_X] & (forces.age < STALE)
+            told = seen.is_fresh[ACCEL_X] & (forces.age < STALE)
             more = seen.smooth[ACCEL_X] - forces.explained
-            parts.append(jnp.where(both, more, jnp.nan)[None])
-            stds.append((jnp.hypot(forces.intensity, self._accel_noise) / root(step))[None])
+            parts.append(jnp.where(told, more, jnp.nan)[None])
+            both = jnp.hypot(forces.intensity, self._accel_noise)
+            stds.append((both / root(step))[None])
+            # whatever parts accelerometer and torques, the accelerometer's noise is no more than that
+            found = self.learner.scale(state.unrest)[self._learned.index(self.sensors.index("traction"))]
+            u = u._replace(intensity=jnp.where(felt, jnp.minimum(u.intensity, found * both), u.intensity))
+        if "attitude" in self.sensors:
+            parts.append(jnp.where(jnp.isfinite(sample["pitch_rate"]), 0.0, jnp.nan)[None])
+            stds.append(lean_std(dt)[None])
         z, std = once((jnp.concatenate(parts), jnp.concatenate(stds)))
+        last = len(self._learned)
+        which = [self._learned.index(i) if i in self._learned else last for i in range(len(self.sensors))]
+        std = std * jnp.append(self.learner.scale(state.unrest), 1.0)[np.array(which)]
         return contact, u._replace(sensor_std=std), z
 
     def _validity(self, state: JointState, info: Info) -> Int[Array, ""]:

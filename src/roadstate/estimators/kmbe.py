@@ -14,7 +14,7 @@ from jaxtyping import Array, Float, Int
 from roadstate.core.constants import GRAVITY
 from roadstate.core.estimates import Validity
 from roadstate.core.gaussian import Gaussian, Info
-from roadstate.estimators.base import Estimate, Estimator, Need, Sample, leaf
+from roadstate.estimators.base import Estimate, Estimator, Need, Sample, Smoothable, leaf
 from roadstate.estimators.road import GradePrior
 from roadstate.estimators.signals import (
     STANDSTILL_SPEED,
@@ -150,6 +150,9 @@ class KMBE(Estimator[KMBEState]):
         "gear_ratio",
         "vertical_speed",
         "altitude",
+    )
+    smoothable: ClassVar[Smoothable | None] = Smoothable(
+        "filter", "filter", ("grade", "speed", "altitude", "accel_x_bias")
     )
 
     channels: tuple[str, ...] = eqx.field(static=True)

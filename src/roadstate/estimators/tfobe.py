@@ -15,7 +15,7 @@ from roadstate.core.channels import WHEELS
 from roadstate.core.constants import GRAVITY
 from roadstate.core.estimates import Validity
 from roadstate.core.gaussian import Gaussian, Info
-from roadstate.estimators.base import Estimate, Estimator, Need, Sample, leaf
+from roadstate.estimators.base import Estimate, Estimator, Need, Sample, Smoothable, leaf
 from roadstate.estimators.force_observer import FELT, ForceObserver, Forces, ForceState, meter_sample
 from roadstate.estimators.road import GradePrior
 from roadstate.estimators.signals import STANDSTILL_SPEED, SpeedMeter
@@ -158,6 +158,7 @@ class TFOBE(Estimator[TFOBEState]):
         "brake",
         *(f"{kind}_{w}" for kind in ("brake_torque", "brake_pressure") for w in WHEELS),
     )
+    smoothable: ClassVar[Smoothable | None] = Smoothable("filter", "grade", ("grade", "speed", "velocity_y"))
 
     channels: tuple[str, ...] = eqx.field(static=True)
     sensors: tuple[str, ...] = eqx.field(static=True)

@@ -9,10 +9,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.scipy.linalg import solve_triangular
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from roadstate.core.gaussian import Gaussian, Info
-from roadstate.filters.base import GaussianFilter, Moved
+from roadstate.filters.base import Filter, FilterState, GaussianFilter, Moved
 from roadstate.linalg import product, tria
 from roadstate.statespace import StateSpaceModel
 
@@ -80,7 +80,7 @@ def _smooth(model: StateSpaceModel, filter: GaussianFilter, inputs: Any, measure
 
     def back(later: Gaussian, row: tuple[Gaussian, Any, Any]) -> tuple[Gaussian, Gaussian]:
         now, u, step = row
-        smoothed = _look_back(now, _or_no_step(filter.move(model, now, u, step), now), later)
+        smoothed = look_back(now, _or_no_step(filter.move(model, now, u, step), now), later)
         return smoothed, smoothed
 
     _, (filtered, infos) = jax.lax.scan(forth, filter.init(model), (inputs, measurements, dt))
@@ -92,8 +92,72 @@ def _smooth(model: StateSpaceModel, filter: GaussianFilter, inputs: Any, measure
     return Smoothed(whole.mean, whole.factor, filtered, infos)
 
 
-def _look_back(now: Gaussian, moved: Moved, later: Gaussian) -> Gaussian:
-    """What is known of x by the samples up to then and by what is known of x⁺."""
+class Recorded(NamedTuple):
+    """State of a :class:`Recorder`.
+
+    Attributes:
+        gaussian, rejected: as :class:`~roadstate.filters.base.FilterState`.
+        moved: the step that led here, from the posterior before; ``None`` where none was taken.
+    """
+
+    gaussian: Gaussian
+    rejected: Int[Array, " m"]
+    moved: Moved | None
+
+
+class Recorder(Filter[Recorded]):
+    """A Gaussian filter that keeps with its state what it made of the last step.
+
+    In place of the filter of a larger system it lets that system be smoothed by :func:`look_back`, whatever
+    goes into the filter's inputs.
+
+    Attributes:
+        filter: that does the work.
+    """
+
+    filter: GaussianFilter
+
+    def init(self, model: StateSpaceModel) -> Recorded:
+        """The filter's; no step was taken."""
+        return Recorded(*self.filter.init(model), None)
+
+    def predict(self, model: StateSpaceModel, state: Recorded, u: Any, dt: Float[Array, ""]) -> Recorded:
+        """The filter's."""
+        moved = _or_no_step(self.filter.move(model, state.gaussian, u, dt), state.gaussian)
+        return Recorded(*self.filter.predict(model, _plain(state), u, dt), moved)
+
+    def update(
+        self, model: StateSpaceModel, state: Recorded, u: Any, z: Float[Array, " m"]
+    ) -> tuple[Recorded, Info]:
+        """The filter's."""
+        new, info = self.filter.update(model, _plain(state), u, z)
+        return Recorded(*new, state.moved), info
+
+    def step(
+        self, model: StateSpaceModel, state: Recorded, u: Any, z: Float[Array, " m"], dt: Float[Array, ""]
+    ) -> tuple[Recorded, Info]:
+        """The filter's."""
+        moved = _or_no_step(self.filter.move(model, state.gaussian, u, dt), state.gaussian)
+        new, info = self.filter.step(model, _plain(state), u, z, dt)
+        return Recorded(*new, moved), info
+
+    def posterior(self, state: Recorded) -> Gaussian:
+        """The Gaussian held."""
+        return state.gaussian
+
+
+def _plain(state: Recorded) -> FilterState:
+    return FilterState(state.gaussian, state.rejected)
+
+
+def look_back(now: Gaussian, moved: Moved, later: Gaussian) -> Gaussian:
+    """What is known of x by the samples up to then and by what is known of x⁺: one step of the smoother.
+
+    Args:
+        now: x given the samples up to then.
+        moved: what the filter made of it.
+        later: x⁺ given all samples.
+    """
     top = jnp.concatenate([moved.after, moved.noise], axis=1)
     bottom = jnp.pad(moved.before, ((0, 0), (0, moved.noise.shape[1])))
     upper, lower, rest = _reduce(top, bottom)

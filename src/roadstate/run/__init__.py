@@ -3,6 +3,7 @@
 from roadstate.run.batch import batch
 from roadstate.run.chunk import CHUNK
 from roadstate.run.scan import scan
+from roadstate.run.smooth import smooth
 from roadstate.run.stream import Arrival, Stream
 
-__all__ = ["CHUNK", "Arrival", "Stream", "batch", "scan"]
+__all__ = ["CHUNK", "Arrival", "Stream", "batch", "scan", "smooth"]

@@ -1,0 +1,148 @@
+"""How the body pitches, from the rate about its lateral axis: what lets a slope be followed at once."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from roadstate.estimators.base import Sample, leaf
+from roadstate.estimators.intake import STALE
+from roadstate.estimators.signals import Held
+from roadstate.linalg import root
+
+if TYPE_CHECKING:
+    from roadstate.vehicles import Vehicle
+
+_STUCK = 40  # equal samples in a row after which the gyroscope counts as missing
+_LARGEST_JUMP = 0.3  # rad/s between samples; more is a spike
+_PATIENCE = 4  # samples in a row that a jump must last to be believed
+_UNSEEN = 0.05  # rad/s/√Hz: of a pitch rate that nothing tells
+_ROLL_ERROR = 0.004  # rad: 1σ of the body's roll beyond what bank and roll gradient say, for _ROLL_TIME
+_ROLL_TIME = 1.0  # s
+_ODD_TIME = 0.5  # s: low pass of how far attitude and slope are apart
+_ODD = 0.006  # rad: so far apart they are only when the gyroscope fails
+_SURE = 4.0  # 1σ of what is expected to part them, that many times
+_DISTRUST = 5.0  # s for which a gyroscope that failed is not believed
+_LEAN_ERROR = 0.0015  # rad: 1σ of the body's pitch against slope and force: it swings, and roads are uneven
+_LEAN_TIME = 0.15  # s: how long that lasts
+_LEAST_STEP = 1e-3  # s
+
+
+class PitchState(NamedTuple):
+    """State of a :class:`PitchMeter`.
+
+    Attributes:
+        rate: latest sample believed, rad/s, and its age.
+        refused: samples refused in a row.
+        repeats: equal samples in a row.
+        apart: low-passed difference of attitude and slope, rad.
+        distrust: s for which the gyroscope is still not believed.
+    """
+
+    rate: Held
+    refused: Float[Array, ""]
+    repeats: Float[Array, ""]
+    apart: Float[Array, ""]
+    distrust: Float[Array, ""]
+
+
+class Pitching(NamedTuple):
+    """What turns the body about its lateral axis.
+
+    Attributes:
+        rate: nose-up rate of the body against the horizon, freed of yaw, rad/s.
+        intensity: of its white error, rad/s/√Hz.
+    """
+
+    rate: Float[Array, ""]
+    intensity: Float[Array, ""]
+
+
+class PitchMeter(eqx.Module):
+    """The body's nose-up rate Θ̇ = (ψ̇ sin φ − q)/cos φ from the rate q about its lateral axis (ISO 8855).
+
+    φ is the body's roll, by the road's bank and the vehicle file's roll gradient.
+    """
+
+    _density: Float[Array, ""]
+    _roll_gradient: Float[Array, ""]
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        # the axes of one sensor are alike: the file knows the yaw rate's; its noise is a sample's at 100 Hz
+        self._density = leaf(vehicle.sensors.yaw_rate.noise * 0.1)
+        self._roll_gradient = leaf(vehicle.body.roll_gradient)
+
+    def init(self) -> PitchState:
+        """Nothing has come yet."""
+        zero = jnp.zeros(())
+        return PitchState(Held.empty(), zero, zero, zero, zero)
+
+    def read(
+        self,
+        state: PitchState,
+        sample: Sample,
+        turning: Float[Array, ""],
+        across: Float[Array, ""],
+        bank: Float[Array, " 2"],
+        dt: Float[Array, ""],
+    ) -> tuple[PitchState, Pitching]:
+        """Take a sample ``dt`` after the last.
+
+        Args:
+            state: from :meth:`init` or the last call.
+            sample: with ``pitch_rate``.
+            turning: yaw rate, rad/s.
+            across: lateral specific force, freed of roll, m/s².
+            bank: of the road and its 1σ, rad.
+            dt: s.
+        """
+        raw, before = sample["pitch_rate"], state.rate
+        seen = jnp.isfinite(raw)
+        jump = seen & (jnp.abs(raw - before.value) > _LARGEST_JUMP) & (before.age < STALE)
+        refuse = jump & (state.refused < _PATIENCE)
+        refused = jnp.where(refuse, state.refused + 1, jnp.where(seen, 0.0, state.refused))
+        rate = before.take(jnp.where(refuse, jnp.nan, raw), dt)
+        same = seen & (raw == before.value)
+        repeats = jnp.where(same, state.repeats + 1, jnp.where(seen, 0.0, state.repeats))
+        known = (rate.age < STALE) & (repeats < _STUCK) & (state.distrust <= 0)
+        between = 0.5 * (rate.value + jnp.where(before.age < STALE, before.value, rate.value))
+        roll = jnp.clip(bank[0] + self._roll_gradient * across, -0.5, 0.5)
+        nose_up = (turning * jnp.sin(roll) - between) / jnp.cos(roll)
+        unsure = jnp.abs(turning) * jnp.hypot(bank[1], _ROLL_ERROR) * (2 * _ROLL_TIME) ** 0.5
+        told = Pitching(
+            rate=jnp.where(known, nose_up, 0.0),
+            intensity=jnp.where(known, jnp.hypot(self._density, unsure), _UNSEEN),
+        )
+        return PitchState(rate, refused, repeats, state.apart, state.distrust), told
+
+    def judge(
+        self,
+        state: PitchState,
+        innovation: Float[Array, ""],
+        innovation_std: Float[Array, ""],
+        sensor_std: Float[Array, ""],
+        dt: Float[Array, ""],
+    ) -> PitchState:
+        """See whether the attitude that the gyroscope tells still goes with the slope.
+
+        Args:
+            state: of the same instant.
+            innovation: of the attitude, rad.
+            innovation_std: as the filter has it.
+            sensor_std: the sample's part of it.
+            dt: s.
+        """
+        gap = jnp.where(jnp.isfinite(innovation), innovation, state.apart)
+        apart = state.apart - jnp.expm1(-dt / _ODD_TIME) * (gap - state.apart)
+        expected = root(innovation_std**2 - sensor_std**2)
+        odd = jnp.abs(apart) > jnp.maximum(_ODD, _SURE * expected)
+        distrust = jnp.where(odd, _DISTRUST, jnp.maximum(state.distrust - dt, 0.0))
+        return state._replace(apart=jnp.where(odd, 0.0, apart), distrust=distrust)
+
+
+def lean_std(dt: Float[Array, ""]) -> Float[Array, ""]:
+    """1σ of a sample of the body's lean against slope and force, so that errors that last add up rightly."""
+    return _LEAN_ERROR * jnp.sqrt(2 * _LEAN_TIME / jnp.maximum(dt, _LEAST_STEP))
