@@ -244,10 +244,13 @@ class Joint(Estimator[JointState]):
             pitch, pitching = self.pitch.read(pitch, sample, u.turning, u.smooth_across, tilt, dt)
             u = u._replace(pitching=pitching)
         along, info = self.filter.step(self.along, state.along, u, z, dt)
+        tells = np.array([s == "speed" or s in WHEEL_SPEEDS for s in self.sensors])
         if "attitude" in self.sensors:
             row = self.sensors.index("attitude")
             seems = info.innovation[row], root(info.S[row, row]), u.sensor_std[row]
-            pitch = self.pitch.judge(pitch, *seems, dt)
+            speeds = jnp.asarray(np.flatnonzero(tells))
+            pull = info.innovation[speeds], root(jnp.diagonal(info.S)[speeds])
+            pitch = self.pitch.judge(pitch, *seems, pull, dt)
         unrest = self._learn(state.unrest, info, u, forces, dt)
         speed, speed_std = along.gaussian.mean[SPEED], along.gaussian.std[SPEED]
         gain = u.accel - along.gaussian.mean[SLOPE] - along.gaussian.mean[BIAS]
@@ -265,9 +268,11 @@ class Joint(Estimator[JointState]):
         doubt = jnp.where(jnp.any(verdict.lies) | caught, _AFRESH, state.doubt - dt)
         afresh = doubt > 0
         bank = jax.lax.cond(afresh, lambda kept: self.bank.init(), lambda kept: kept, bank)
-        tells = np.array([s == "speed" or s in WHEEL_SPEEDS for s in self.sensors])
         speed_age = jnp.where(jnp.any(jnp.isfinite(z) & tells), 0.0, state.speed_age + dt)
-        faulty = jnp.concatenate([raw.is_faulty, along.rejected > 0])
+        refused = along.rejected > 0
+        if "attitude" in self.sensors:
+            refused = refused.at[self.sensors.index("attitude")].max(self.pitch.is_faulty(pitch))
+        faulty = jnp.concatenate([raw.is_faulty, refused])
         fault_age = jnp.where(faulty, state.fault_age + dt, 0.0)
         friction = once(self.bank.quantiles(bank, _QUANTILES))
         new = JointState(
@@ -294,8 +299,8 @@ class Joint(Estimator[JointState]):
     def _learn(self, unrest: Unrest, info: Info, u: AlongInput, forces: AxleForces, dt: Array) -> Unrest:
         """How noisy the sensors are, on the move and while forces are known."""
         rows = jnp.asarray(self._learned, int)
-        stated = u.sensor_std[rows] / self.learner.scale(unrest)
         calm = jnp.asarray([self.sensors[i] != "traction" for i in self._learned], bool)
+        stated = u.sensor_std[rows] / jnp.where(calm, self.learner.scale(unrest), 1.0)
         usual = (calm | (forces.intensity < _CALM)) & (jnp.abs(u.speed) > _MOVING)
         return self.learner.learn(unrest, info.innovation[rows], stated, usual, dt)
 
@@ -371,7 +376,9 @@ class Joint(Estimator[JointState]):
             stds.append(lean_std(dt)[None])
         z, std = once((jnp.concatenate(parts), jnp.concatenate(stds)))
         last = len(self._learned)
-        which = [self._learned.index(i) if i in self._learned else last for i in range(len(self.sensors))]
+        # what parts torques and accelerometer lasts for minutes, too: that is no white noise of the torques
+        own = {i: k for k, i in enumerate(self._learned) if self.sensors[i] != "traction"}
+        which = [own.get(i, last) for i in range(len(self.sensors))]
         std = std * jnp.append(self.learner.scale(state.unrest), 1.0)[np.array(which)]
         return contact, u._replace(sensor_std=std), z
 
@@ -387,6 +394,8 @@ class Joint(Estimator[JointState]):
         validity = jnp.where(stands, int(Validity.STANDSTILL), validity)
         faults = self._faults(state)
         validity = jnp.where(jnp.any(faults), int(Validity.SENSOR_FAULT), validity)
+        if "attitude" in self.sensors:
+            oldest = jnp.maximum(oldest, state.pitch.rate.age)
         silent = jnp.maximum(oldest, state.speed_age) > _SILENT
         silent = silent | jnp.any(faults[: len(self.channels)])
         validity = jnp.where(silent, int(Validity.SENSOR_MISSING), validity)

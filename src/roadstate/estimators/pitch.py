@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from roadstate.estimators.base import Sample, leaf
 from roadstate.estimators.intake import STALE
@@ -25,7 +25,8 @@ _ROLL_TIME = 1.0  # s
 _ODD_TIME = 0.5  # s: low pass of how far attitude and slope are apart
 _ODD = 0.006  # rad: so far apart they are only when the gyroscope fails
 _SURE = 4.0  # 1σ of what is expected to part them, that many times
-_DISTRUST = 5.0  # s for which a gyroscope that failed is not believed
+_PULL = 0.4  # the same of the speeds' innovations over their 1σ, when the gyroscope pulls the slope away
+_DISTRUST = 20.0  # s for which a gyroscope that failed is not believed
 _LEAN_ERROR = 0.0015  # rad: 1σ of the body's pitch against slope and force: it swings, and roads are uneven
 _LEAN_TIME = 0.15  # s: how long that lasts
 _LEAST_STEP = 1e-3  # s
@@ -39,6 +40,7 @@ class PitchState(NamedTuple):
         refused: samples refused in a row.
         repeats: equal samples in a row.
         apart: low-passed difference of attitude and slope, rad.
+        pull: low-passed innovation of the speeds over its 1σ.
         distrust: s for which the gyroscope is still not believed.
     """
 
@@ -46,6 +48,7 @@ class PitchState(NamedTuple):
     refused: Float[Array, ""]
     repeats: Float[Array, ""]
     apart: Float[Array, ""]
+    pull: Float[Array, ""]
     distrust: Float[Array, ""]
 
 
@@ -78,7 +81,7 @@ class PitchMeter(eqx.Module):
     def init(self) -> PitchState:
         """Nothing has come yet."""
         zero = jnp.zeros(())
-        return PitchState(Held.empty(), zero, zero, zero, zero)
+        return PitchState(Held.empty(), zero, zero, zero, zero, zero)
 
     def read(
         self,
@@ -116,7 +119,11 @@ class PitchMeter(eqx.Module):
             rate=jnp.where(known, nose_up, 0.0),
             intensity=jnp.where(known, jnp.hypot(self._density, unsure), _UNSEEN),
         )
-        return PitchState(rate, refused, repeats, state.apart, state.distrust), told
+        return state._replace(rate=rate, refused=refused, repeats=repeats), told
+
+    def is_faulty(self, state: PitchState) -> Bool[Array, ""]:
+        """Whether samples are refused or contradict the slope; one that repeats itself may be coarse only."""
+        return (state.distrust > 0) | (state.refused > 0)
 
     def judge(
         self,
@@ -124,23 +131,30 @@ class PitchMeter(eqx.Module):
         innovation: Float[Array, ""],
         innovation_std: Float[Array, ""],
         sensor_std: Float[Array, ""],
+        speeds: tuple[Float[Array, " k"], Float[Array, " k"]],
         dt: Float[Array, ""],
     ) -> PitchState:
-        """See whether the attitude that the gyroscope tells still goes with the slope.
+        """See whether the attitude that the gyroscope tells still goes with slope and speeds.
 
         Args:
             state: of the same instant.
             innovation: of the attitude, rad.
             innovation_std: as the filter has it.
             sensor_std: the sample's part of it.
+            speeds: (k,) innovations of whatever tells the speed, NaN where missing, and their 1σ, m/s.
             dt: s.
         """
         gap = jnp.where(jnp.isfinite(innovation), innovation, state.apart)
         apart = state.apart - jnp.expm1(-dt / _ODD_TIME) * (gap - state.apart)
         expected = root(innovation_std**2 - sensor_std**2)
-        odd = jnp.abs(apart) > jnp.maximum(_ODD, _SURE * expected)
+        heard = jnp.isfinite(speeds[0])
+        count = jnp.sum(heard)
+        mean = jnp.sum(jnp.where(heard, speeds[0], 0.0) / speeds[1]) / jnp.maximum(count, 1)
+        told = state.pull - jnp.where(count > 0, jnp.expm1(-dt / _ODD_TIME), 0.0) * (mean - state.pull)
+        odd = (jnp.abs(apart) > jnp.maximum(_ODD, _SURE * expected)) | (jnp.abs(told) > _PULL)
         distrust = jnp.where(odd, _DISTRUST, jnp.maximum(state.distrust - dt, 0.0))
-        return state._replace(apart=jnp.where(odd, 0.0, apart), distrust=distrust)
+        begin = jnp.where(odd, 0.0, 1.0)
+        return state._replace(apart=begin * apart, pull=begin * told, distrust=distrust)
 
 
 def lean_std(dt: Float[Array, ""]) -> Float[Array, ""]:

@@ -1,0 +1,132 @@
+"""The pitch rate: turns against rotation matrices, gyroscopes that fail, and what they do to grade."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from contracts.plausible import GRADE, plausible_log
+from roadstate.core import Log, Validity
+from roadstate.estimators import build
+from roadstate.estimators.pitch import PitchMeter, PitchState
+from roadstate.run import scan
+from roadstate.sim.plant.vectors import rotation
+from roadstate.vehicles import Vehicle, load_vehicle
+
+NAN, DT = np.nan, 0.01
+SPEEDS = jnp.asarray([0.0, NAN]), jnp.asarray([0.04, 0.04])
+
+
+@pytest.fixture(scope="module")
+def vehicle() -> Vehicle:
+    return load_vehicle("family-car")
+
+
+def read(
+    meter: PitchMeter,
+    state: PitchState,
+    rate: float,
+    turning: float = 0.0,
+    across: float = 0.0,
+    bank: float = 0.0,
+) -> tuple[PitchState, float, float]:
+    tilt = jnp.asarray([bank, 0.0])
+    sample = {"pitch_rate": jnp.asarray(rate)}
+    state, told = meter.read(state, sample, jnp.asarray(turning), jnp.asarray(across), tilt, jnp.asarray(DT))
+    return state, float(told.rate), float(told.intensity)
+
+
+def body_rates(yaw: float, pitch: float, roll: float, rates: tuple[float, float, float]) -> np.ndarray:
+    """Roll, pitch and yaw rate about the body's axes, from the change of its rotation matrix."""
+    step = 1e-6
+    ahead, behind = (
+        np.asarray(rotation(jnp.asarray(np.array([yaw, pitch, roll]) + side * step * np.array(rates))))
+        for side in (0.5, -0.5)
+    )
+    spin = ((ahead + behind) / 2).T @ (ahead - behind) / step
+    return np.array([spin[2, 1], spin[0, 2], spin[1, 0]])
+
+
+@pytest.mark.parametrize("turning", [-0.3, 0.0, 0.3])
+@pytest.mark.parametrize("bank", [-0.05, 0.0, 0.08])
+def test_it_is_the_rate_of_the_slope_in_any_turn_on_any_bank(
+    turning: float, bank: float, vehicle: Vehicle
+) -> None:
+    meter, nose_up, rising = PitchMeter(vehicle), 0.06, 0.02
+    across = 2.0 * np.sign(turning)
+    roll = bank + vehicle.body.roll_gradient * across
+    rates = body_rates(0.4, -nose_up, roll, (turning / np.cos(nose_up), -rising, 0.0))
+    state, _, _ = read(meter, meter.init(), rates[1], turning, across, bank)
+    _, told, _ = read(meter, state, rates[1], rates[2] * np.cos(roll) + rates[1] * np.sin(roll), across, bank)
+    assert told == pytest.approx(rising, abs=4e-4)  # second order in slope and roll
+
+
+def test_a_spike_is_refused_and_a_jump_that_lasts_is_not(vehicle: Vehicle) -> None:
+    meter = PitchMeter(vehicle)
+    state, _, _ = read(meter, meter.init(), 0.01)
+    state, told, _ = read(meter, state, 0.9)
+    assert told == pytest.approx(-0.01)
+    assert bool(meter.is_faulty(state))
+    for _ in range(6):
+        state, told, _ = read(meter, state, 0.9)
+    assert told == pytest.approx(-0.9)
+
+
+def test_one_that_repeats_itself_counts_as_missing(vehicle: Vehicle) -> None:
+    meter = PitchMeter(vehicle)
+    state, _, usual = read(meter, meter.init(), 0.013)
+    for _ in range(45):
+        state, told, intensity = read(meter, state, 0.013)
+    assert told == 0
+    assert intensity > 20 * usual
+    assert not bool(meter.is_faulty(state))
+
+
+def test_one_that_contradicts_the_slope_is_not_believed_for_a_while(vehicle: Vehicle) -> None:
+    meter = PitchMeter(vehicle)
+    state, _, usual = read(meter, meter.init(), 0.013)
+    gap, sure = jnp.asarray(0.03), jnp.asarray(0.0082)
+    for _ in range(100):
+        state = meter.judge(state, gap, sure, jnp.asarray(0.0081), SPEEDS, jnp.asarray(DT))
+    state, _, intensity = read(meter, state, 0.014)
+    assert intensity > 20 * usual
+    for i in range(2020):
+        state = meter.judge(state, jnp.zeros(()), sure, jnp.asarray(0.0081), SPEEDS, jnp.asarray(DT))
+        state, _, intensity = read(meter, state, 0.014 + 1e-6 * i)
+    assert intensity == pytest.approx(usual)
+
+
+@pytest.mark.parametrize("kind", ["well", "none", "stuck", "drifts", "swapped"])
+def test_grade_over_a_crest_with_gyroscopes_that_fail(kind: str, vehicle: Vehicle) -> None:
+    """A slope that turns from 4 % up to level and back: nearer with the gyroscope, and never far without."""
+    log = hill(vehicle)
+    channels = {n: v.copy() for n, v in log.channels.items()}
+    rate, late = channels["pitch_rate"], log.time > 15
+    changed = {
+        "well": rate,
+        "none": np.where(late, NAN, rate),
+        "stuck": np.where(late, rate[np.argmax(late)], rate),
+        "drifts": rate + np.where(late, 0.03 * (log.time - 15), 0.0),
+        "swapped": np.where(late, -rate, rate),
+    }[kind]
+    names = ["accel_x", *(f"wheel_speed_{w}" for w in ("fl", "fr", "rl", "rr")), "pitch_rate"]
+    said = scan(build("joint", vehicle, names), Log(log.time, {**channels, "pitch_rate": changed}))
+    error = said.values["grade"] - log["ref_grade"]
+    error = error[log.time > 10] - error[log.time > 10].mean()  # no torque tells the bias
+    assert np.abs(error).max() < (0.004 if kind == "well" else 0.06)
+    if kind in ("drifts", "swapped"):
+        assert (said.validity[log.time > 15] == Validity.SENSOR_FAULT).any()
+
+
+def hill(vehicle: Vehicle) -> Log:
+    level = plausible_log(vehicle, 30 * 128)
+    random, time, speed = np.random.default_rng(4), level.time, level["speed"]
+    grade = GRADE * np.cos(2 * np.pi * time / 12)
+    body = 1 + 9.80665 * vehicle.body.pitch_gradient
+    force = np.gradient(level["ref_velocity_x"], time) + 9.80665 * np.sin(grade)
+    lean = vehicle.body.pitch_gradient * force
+    rate = -np.gradient(grade + lean, time) + 0.003 + 0.002 * random.normal(size=len(time))
+    accel = body * force + 0.1 * random.normal(size=len(time))
+    changed = {"accel_x": accel, "pitch_rate": rate, "speed": speed, "ref_grade": grade}
+    return level.with_channels(changed)
