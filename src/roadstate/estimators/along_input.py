@@ -1,0 +1,175 @@
+"""What a car's signals tell the filter of its motion along the road, and how well."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from roadstate.core.constants import GRAVITY
+from roadstate.core.gaussian import Info
+from roadstate.estimators.along import BIAS, SCALE, SLOPE, SPEED, AlongInput
+from roadstate.estimators.base import Sample, leaf
+from roadstate.estimators.contact_forces import AxleForces
+from roadstate.estimators.intake import (
+    ACCEL_X,
+    STALE,
+    WHEEL_SPEEDS,
+    YAW_RATE,
+    Signals,
+    SignalState,
+)
+from roadstate.estimators.noise_learning import NoiseLearner, Unrest
+from roadstate.estimators.pitch import Pitching, lean_std
+from roadstate.estimators.tire_contact import ContactState, TireContact
+from roadstate.linalg import once, root
+
+if TYPE_CHECKING:
+    from roadstate.estimators.joint import JointState
+    from roadstate.vehicles import Vehicle
+
+_UNSEEN = 4.0  # m/s²/√Hz: of an acceleration that neither accelerometer nor torques tell
+_LEAST_STEP = 1e-3  # s
+_AGE = 0.1  # s by which a satellite's speed may be late
+_LEARNED = ("vertical_speed", "traction", "attitude")  # sensors whose noise is learned
+_CALM = 0.1  # m/s²/√Hz: error of the torques' force beyond which it is not the usual one
+_MOVING = 2.0  # m/s from which sensors err as they usually do
+
+
+class AlongIntake(eqx.Module):
+    """Input, measurement and their noise for :class:`~roadstate.estimators.along.AlongModel`.
+
+    Attributes:
+        sensors: the model's.
+        learned: places of those whose noise is learned.
+        contact: what each wheel tells of the speed.
+        learner: of the noise.
+        sensor_std: (m,) 1σ of a sample, as the vehicle file says.
+        accel_noise: of the longitudinal accelerometer, m/s²/√Hz.
+    """
+
+    sensors: tuple[str, ...] = eqx.field(static=True)
+    learned: tuple[int, ...] = eqx.field(static=True)
+    contact: TireContact
+    learner: NoiseLearner
+    sensor_std: Float[Array, " m"]
+    accel_noise: Float[Array, ""]
+
+    def __init__(self, vehicle: Vehicle, sensors: tuple[str, ...]) -> None:
+        own = vehicle.sensors
+        noise = {
+            "speed": own.speed.noise,
+            "altitude": own.altitude.noise,
+            "vertical_speed": own.vertical_speed.noise,
+            "traction": 0.0,
+            "attitude": 0.0,
+        }
+        wheel = vehicle.wheels.radius * own.wheel_speed.noise
+        self.sensors = sensors
+        self.learned = tuple(i for i, sensor in enumerate(sensors) if sensor in _LEARNED)
+        self.contact, self.learner = TireContact(vehicle), NoiseLearner()
+        self.sensor_std = jnp.asarray(np.array([noise.get(s, wheel) for s in sensors]))
+        self.accel_noise = leaf(own.accel.noise_density)
+
+    def start(self) -> Unrest:
+        """No innovation has come yet."""
+        return self.learner.init(len(self.learned))
+
+    def learn(self, unrest: Unrest, info: Info, u: AlongInput, forces: AxleForces, dt: Array) -> Unrest:
+        """How noisy the sensors are, as innovations say on the move and while forces are known."""
+        rows = jnp.asarray(self.learned, int)
+        calm = jnp.asarray([self.sensors[i] != "traction" for i in self.learned], bool)
+        stated = u.sensor_std[rows] / jnp.where(calm, self.learner.scale(unrest), 1.0)
+        usual = (calm | (forces.intensity < _CALM)) & (jnp.abs(u.speed) > _MOVING)
+        return self.learner.learn(unrest, info.innovation[rows], stated, usual, dt)
+
+    def read(
+        self,
+        state: JointState,
+        held: SignalState,
+        seen: Signals,
+        forces: AxleForces,
+        sample: Sample,
+        velocity_y: Array,
+        dt: Array,
+        sign: Array,
+    ) -> tuple[ContactState, AlongInput, Float[Array, " m"]]:
+        """Input and measurement of the filter.
+
+        Args:
+            state: of the whole, before this sample.
+            held, seen: signals of this instant.
+            forces: of this instant.
+            sample: the channels, of which satellites' and the pitch rate are read.
+            velocity_y: m/s.
+            dt: s.
+            sign: by which the last sample of the longitudinal accelerometer is to be multiplied.
+        """
+        x, spread = state.along.gaussian.mean, state.along.gaussian.std[SPEED]
+        speed, step = x[SPEED], jnp.maximum(dt, _LEAST_STEP)
+        felt = seen.age[ACCEL_X] < STALE
+        before = jnp.where(
+            state.signals.age[ACCEL_X] < STALE, sign * state.signals.value[ACCEL_X], seen.value[ACCEL_X]
+        )
+        raw = 0.5 * (seen.value[ACCEL_X] + before)
+        by_torque = forces.explained + x[BIAS] + x[SCALE] * forces.accel[0]
+        known = (forces.age < STALE) & (~forces.is_brake_unknown)
+        accel = jnp.where(felt, raw, jnp.where(known, by_torque, x[SLOPE] + x[BIAS]))
+        intensity = jnp.where(felt, self.accel_noise, jnp.where(known, forces.intensity, _UNSEEN))
+        turning = jnp.where(seen.age[YAW_RATE] < STALE, seen.smooth[YAW_RATE], 0.0)
+        u = AlongInput(
+            accel=accel + velocity_y * turning,
+            smooth_accel=forces.accel[0],
+            drive=forces.drive,
+            brake=forces.brake,
+            rolling=forces.rolling,
+            speed=speed,
+            intensity=intensity,
+            smooth_across=forces.accel[1],
+            turning=turning,
+            pitching=Pitching(jnp.zeros(()), jnp.zeros(())),
+            sensor_std=jnp.zeros(0),
+        )
+        parts, stds = [], []
+        wheels = [i for i, w in enumerate(WHEEL_SPEEDS) if w in self.sensors]
+        contact = state.contact
+        if wheels:
+            gain, unsure = accel - x[BIAS] - x[SLOPE], state.along.gaussian.std[SLOPE]
+            contact, rim, std = self.contact.rims(
+                contact, seen, forces, turning, speed, spread, gain, unsure, dt
+            )
+            parts.append(rim[jnp.asarray(wheels)])
+            stds.append(std[jnp.asarray(wheels)])
+        for name in ("speed", "altitude", "vertical_speed"):
+            if name in self.sensors:
+                value, std = sample[name], self.sensor_std[self.sensors.index(name)]
+                if name == "speed":
+                    backward = (held.gear < 0) & (value > 0)
+                    value = jnp.where(backward, -value, value)
+                    std = jnp.hypot(std, _AGE * forces.accel[0])
+                if name == "vertical_speed":
+                    std = jnp.hypot(std, _AGE * forces.accel[0] * x[SLOPE] / GRAVITY)
+                parts.append(jnp.where(jnp.isfinite(value), value, jnp.nan)[None])
+                stds.append(std[None])
+        if "traction" in self.sensors:
+            told = seen.is_fresh[ACCEL_X] & (forces.age < STALE)
+            more = seen.smooth[ACCEL_X] - forces.explained
+            parts.append(jnp.where(told, more, jnp.nan)[None])
+            both = jnp.hypot(forces.intensity, self.accel_noise)
+            stds.append((both / root(step))[None])
+            # whatever parts accelerometer and torques, the accelerometer's noise is no more than that
+            found = self.learner.scale(state.unrest)[self.learned.index(self.sensors.index("traction"))]
+            u = u._replace(intensity=jnp.where(felt, jnp.minimum(u.intensity, found * both), u.intensity))
+        if "attitude" in self.sensors:
+            parts.append(jnp.where(jnp.isfinite(sample["pitch_rate"]), 0.0, jnp.nan)[None])
+            stds.append(lean_std(dt)[None])
+        z, std = once((jnp.concatenate(parts), jnp.concatenate(stds)))
+        last = len(self.learned)
+        # what parts torques and accelerometer lasts for minutes, too: that is no white noise of the torques
+        own = {i: k for k, i in enumerate(self.learned) if self.sensors[i] != "traction"}
+        which = [own.get(i, last) for i in range(len(self.sensors))]
+        std = std * jnp.append(self.learner.scale(state.unrest), 1.0)[np.array(which)]
+        return contact, u._replace(sensor_std=std), z

@@ -1,0 +1,96 @@
+"""What the joint estimator says of its state."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool
+
+from roadstate.core.constants import GRAVITY
+from roadstate.estimators.along import BIAS, SLOPE, SPEED
+from roadstate.estimators.base import Estimate
+from roadstate.estimators.contact_forces import AxleForces
+from roadstate.estimators.friction_bank import BANK, BIAS_Y, LEVER, V_Y, VIEWS
+from roadstate.estimators.intake import ACCEL_X, ACCEL_Y, SMOOTHING
+from roadstate.linalg import root
+
+if TYPE_CHECKING:
+    from roadstate.estimators.joint import Joint, JointState
+
+_LEAD_ERROR = 0.7  # 1σ of what is added to undo the low pass, as a share of it
+_LATE = 0.01  # s: age of inertial signals, and what the body's roll adds to it
+
+
+def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate:
+    """Everything, with standard deviations; friction with its 5 % and 95 % bounds.
+
+    Args:
+        joint: the estimator.
+        state: its state.
+        faults: which of the estimator's ``fault_names`` are there.
+    """
+    values: dict[str, Array] = {}
+    stds: dict[str, Array] = {}
+
+    def tell(name: str, value: Array, std: Array) -> None:
+        values[name], stds[name] = value, std
+
+    mean, std = state.along.gaussian.mean, state.along.gaussian.std
+    forces = state.latest
+    sine = jnp.clip(mean[SLOPE] / GRAVITY, -0.99, 0.99)
+    grade = jnp.arcsin(sine)
+    tell("grade", grade, std[SLOPE] / (GRAVITY * jnp.cos(grade)))
+    tell("speed", mean[SPEED], jnp.hypot(std[SPEED], joint.speed_scale * mean[SPEED]))
+    tell("accel_x_bias", mean[BIAS], std[BIAS])
+    scale, scale_std = jnp.ones(()), joint.mass_std
+    if "mass" in joint.along.states:
+        place = joint.along.place("mass")
+        scale, scale_std = 1 + mean[place], std[place]
+        tell("mass", joint.forces.car.mass * scale, joint.forces.car.mass * scale_std)
+    if "altitude" in joint.along.states:
+        tell("altitude", mean[-2], std[-2])
+    axles = forces.load.reshape(2, 2).sum(axis=1)
+    side, side_std = joint.bank.merged(state.bank)
+    # ahead by as much as low pass, sensors and the body's roll lag, and freed of the accelerometer's bias
+    # and place
+    ahead = (1 + _LATE / SMOOTHING) * (forces.across - state.contact.across * axles)
+    lateral = forces.across + ahead - (side[BIAS_Y] + side[LEVER] * forces.yaw_accel) / GRAVITY * axles
+    used, used_std = _used(forces, lateral, ahead, side_std[BIAS_Y])
+    ages = state.signals.age
+    silent = jnp.minimum(ages[ACCEL_X], 10.0) + jnp.minimum(ages[ACCEL_Y], 3.0)
+    tell("friction_used", used, jnp.hypot(used_std, 0.1 * silent))
+    if joint.knows_sides:
+        tell("velocity_y", side[V_Y], side_std[V_Y])
+        bank = jnp.arcsin(jnp.clip(side[BANK] / GRAVITY, -0.99, 0.99))
+        tell("bank", bank, side_std[BANK] / (GRAVITY * jnp.cos(bank)))
+    for i, where in enumerate(("front", "rear")):
+        load = forces.load[2 * i] + forces.load[2 * i + 1]
+        along = forces.along[2 * i] + forces.along[2 * i + 1]
+        rough = jnp.hypot(scale_std * along, 0.02 * load)
+        unsure = 0.5 * (forces.along_std[2 * i] + forces.along_std[2 * i + 1])
+        spread = jnp.where(jnp.isfinite(unsure), unsure, 1.0) * load
+        tell(f"force_x_{where}", scale * along, jnp.hypot(rough, spread))
+        if joint.knows_sides:
+            across = lateral[i]
+            rough = jnp.hypot(scale_std * across, 0.015 * load)
+            rough = jnp.hypot(rough, _LEAD_ERROR * ahead[i])
+            rough = jnp.hypot(rough, side_std[BIAS_Y] / GRAVITY * load)
+            spread = jnp.where(jnp.isfinite(forces.across_std[i]), forces.across_std[i], 1.0) * load
+            tell(f"force_y_{where}", scale * across, jnp.hypot(rough, spread))
+    low, middle, high = state.friction
+    spread = joint.bank.std(state.bank)
+    for i, view in enumerate(VIEWS):
+        name = f"friction_peak{view}"
+        tell(name, middle[i], spread[i])
+        values[f"{name}_lower"], values[f"{name}_upper"] = low[i], high[i]
+    return Estimate(values, stds, state.validity, faults)
+
+
+def _used(forces: AxleForces, lateral: Array, ahead: Array, bias_std: Array) -> tuple[Array, Array]:
+    """Friction used by the whole car, and 1σ."""
+    along, across = jnp.sum(forces.along), jnp.sum(lateral)
+    load = jnp.sum(forces.load)
+    used = root(along**2 + across**2) / load
+    unsure = jnp.hypot(bias_std / GRAVITY, _LEAD_ERROR * jnp.sum(ahead) / load)
+    return used, jnp.sqrt(0.01**2 + (0.02 * used) ** 2 + unsure**2)
