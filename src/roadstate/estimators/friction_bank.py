@@ -236,23 +236,24 @@ class FrictionBank(eqx.Module):
         across_evidence = []
         # beyond its peak a tire tells nothing of the sideslip: a car that is driven does not slide far
         rear = (x[V_Y] + self._arm[1] * touch.yaw_rate) / speed
-        row = jnp.zeros_like(x).at[V_Y].set(1 / speed)
+        zero = jnp.zeros_like(rear)
+        row = jnp.stack([jnp.full_like(rear, 1 / speed), *[zero] * (_N - 1)])
         x, P, _ = learn(x, P, row, -rear, jnp.full_like(rear, _SIDESLIP**2), takes[1])
         for axle in range(2):
             here = self._axle(x, touch, speed, mixed.y, axle)
-            row = jnp.zeros_like(x)
             angle = self._factor(touch, axle) * self._stiffness[axle] * jnp.exp(x[STIFF_F + axle])
             by_angle = here.across_by_angle * angle
             lagged = -by_angle / speed
-            row = row.at[V_Y].set(lagged).at[BANK].set(lagged * touch.lag).at[BIAS_Y].set(lagged * touch.lag)
-            row = row.at[LEVER].set((lagged * touch.lag + 1 / GRAVITY) * touch.yaw_accel)
-            row = row.at[STIFF_F + axle].set(here.across_by_slip).at[SHAPE_F + axle].set(here.across_by_shape)
-            turned = lagged * (-self._arm[axle] - touch.lag * touch.speed)
-            row = row.at[BIAS_R].set(turned)
-            if axle == 0:
-                row = row.at[STEER_BIAS].set(-by_angle * jnp.sign(touch.speed))
+            rows = [zero] * _N  # stacked: writing one by one costs a pass each
+            rows[V_Y], rows[BANK] = lagged, lagged * touch.lag
             # the accelerometer's bias and place are in the force as well
-            row = row.at[BIAS_Y].add(1 / GRAVITY)
+            rows[BIAS_Y] = lagged * touch.lag + 1 / GRAVITY
+            rows[LEVER] = rows[BIAS_Y] * touch.yaw_accel
+            rows[STIFF_F + axle], rows[SHAPE_F + axle] = here.across_by_slip, here.across_by_shape
+            rows[BIAS_R] = lagged * (-self._arm[axle] - touch.lag * touch.speed)
+            if axle == 0:
+                rows[STEER_BIAS] = -by_angle * jnp.sign(touch.speed)
+            row = jnp.stack(rows)
             measured = touch.across[axle]
             noise = touch.across_std[axle] ** 2 + _ERROR[0] ** 2 + (_ERROR[1] * measured) ** 2
             noise = noise * (1 + self._gives[axle] * by_angle) ** 2 + (by_angle * _ANGLE_ERROR) ** 2
@@ -267,8 +268,9 @@ class FrictionBank(eqx.Module):
         for axle in range(2):
             pair = slice(2 * axle, 2 * axle + 2)
             here, by_slip, by_error = self._wheels(x, y, touch, speed, axle)
-            row = jnp.zeros_like(y).at[:, 0].set(here.along_by_slip).at[:, 1].set(here.along_by_shape)
-            row = row.at[:, 2 + axle].set(-by_slip)
+            rows = [here.along_by_slip, here.along_by_shape, *[jnp.zeros_like(by_slip)] * 2]
+            rows[2 + axle] = -by_slip
+            row = jnp.stack(rows, axis=1)
             measured = touch.along[pair, None]
             angle = self._angle(x, touch, speed, axle)
             slips = jnp.sqrt(touch.slip_std**2 + touch.slip_shared**2 + (_SLIP_ASIDE * angle) ** 2)

@@ -236,7 +236,7 @@ class Joint(Estimator[JointState]):
         contact, touch = self.inputs.contact.touch(contact, seen, forces, speed, speed_std, gain, dt)
         late = self.watch.lateness(watch, WHEEL_SPEEDS) * gain / jnp.maximum(jnp.abs(speed), 1.0)
         touch = touch._replace(slip_shared=jnp.hypot(touch.slip_shared, jnp.max(jnp.abs(late))))
-        bank, likelihood = once(self.bank.step(state.bank, touch, dt))
+        bank, likelihood = once(self.bank.step(state.bank, once(touch), dt))
         trust = self.trust.test(state.trust, raw, balance, signal, speed, held.repeats >= REPEATS, dt)
         trust, now = once((trust, self.trust.verdict(trust)))
         found = (now.lies & (~verdict.lies)) | (now.swapped & (~verdict.swapped))
@@ -246,7 +246,7 @@ class Joint(Estimator[JointState]):
         along = along._replace(gaussian=self.along.doubt(along.gaussian, spoilt))
         doubt = jnp.where(jnp.any(verdict.lies) | caught, _AFRESH, state.doubt - dt)
         afresh = doubt > 0
-        bank = jax.lax.cond(afresh, lambda kept: self.bank.init(), lambda kept: kept, bank)
+        bank = once(jax.tree.map(lambda new, kept: jnp.where(afresh, new, kept), self.bank.init(), bank))
         speed_age = jnp.where(jnp.any(jnp.isfinite(z) & tells), 0.0, state.speed_age + dt)
         refused = along.rejected > 0
         if "attitude" in self.sensors:
