@@ -117,7 +117,7 @@ def _about(given: argparse.Namespace, seconds: float, busy: float) -> dict[str, 
     from roadstate import __version__
 
     return {
-        "command": " ".join(["python -m benchmarks.accuracy", *sys.argv[1:]]),
+        "command": " ".join(["python -m benchmarks.accuracy", *_without_cache(sys.argv[1:])]),
         "seeds": given.seeds,
         "few": few(given.seeds),
         "vehicles": given.vehicles,
@@ -128,6 +128,17 @@ def _about(given: argparse.Namespace, seconds: float, busy: float) -> dict[str, 
         "seconds": round(seconds),
         "processor_seconds": round(busy),
     }
+
+
+def _without_cache(arguments: list[str]) -> list[str]:
+    """What was asked for; where logs are kept changes nothing."""
+    kept: list[str] = []
+    for argument in arguments:
+        if kept[-1:] == ["--cache"]:
+            kept.pop()
+        elif not argument.startswith("--cache="):
+            kept.append(argument)
+    return kept
 
 
 def _preamble(about: dict[str, Any]) -> str:
