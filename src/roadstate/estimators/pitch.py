@@ -26,6 +26,7 @@ _ODD_TIME = 0.5  # s: low pass of how far attitude and slope are apart
 _ODD = 0.006  # rad: so far apart they are only when the gyroscope fails
 _SURE = 4.0  # 1σ of what is expected to part them, that many times
 _PULL = 0.4  # the same of the speeds' innovations over their 1σ, when the gyroscope pulls the slope away
+_MOST = (0.1, 3.0)  # rad, and 1σ of speeds, that one sample may count for
 _DISTRUST = 20.0  # s for which a gyroscope that failed is not believed
 _LEAN_ERROR = 0.0015  # rad: 1σ of the body's pitch against slope and force: it swings, and roads are uneven
 _LEAN_TIME = 0.15  # s: how long that lasts
@@ -144,12 +145,14 @@ class PitchMeter(eqx.Module):
             speeds: (k,) innovations of whatever tells the speed, NaN where missing, and their 1σ, m/s.
             dt: s.
         """
-        gap = jnp.where(jnp.isfinite(innovation), innovation, state.apart)
+        # one sample alone, of whatever size, is no contradiction that lasts
+        gap = jnp.clip(jnp.where(jnp.isfinite(innovation), innovation, state.apart), -_MOST[0], _MOST[0])
         apart = state.apart - jnp.expm1(-dt / _ODD_TIME) * (gap - state.apart)
         expected = root(innovation_std**2 - sensor_std**2)
         heard = jnp.isfinite(speeds[0])
         count = jnp.sum(heard)
         mean = jnp.sum(jnp.where(heard, speeds[0], 0.0) / speeds[1]) / jnp.maximum(count, 1)
+        mean = jnp.clip(mean, -_MOST[1], _MOST[1])
         told = state.pull - jnp.where(count > 0, jnp.expm1(-dt / _ODD_TIME), 0.0) * (mean - state.pull)
         odd = (jnp.abs(apart) > jnp.maximum(_ODD, _SURE * expected)) | (jnp.abs(told) > _PULL)
         distrust = jnp.where(odd, _DISTRUST, jnp.maximum(state.distrust - dt, 0.0))

@@ -125,11 +125,10 @@ class TireContact(eqx.Module):
         agree = agree & (jnp.min(jnp.abs(rim)) > _DEAD_BAND[0])
         together = jnp.where(agree, state.together + dt, 0.0)
         away = jnp.where(together > _TOGETHER[2], 0.0, away)
-        ran = jnp.hypot(_RUNAWAY[1] * away, _RACING[2] * racing)
-        lasting = jnp.hypot(_SLIP_SHARE * slip * speed, ran) * jnp.sqrt(_SLIP_TIME / step)
+        lasting = (_SLIP_SHARE * slip * speed) ** 2 + (_RUNAWAY[1] * away) ** 2 + (_RACING[2] * racing) ** 2
         slow = jnp.where(jnp.abs(rim) < _DEAD_BAND[0], _DEAD_BAND[1], 0.0)
         noise = self.noise
-        std = jnp.sqrt(noise**2 + lasting**2 + slow**2)
+        std = jnp.sqrt(noise**2 + lasting * _SLIP_TIME / step + slow**2)
         return (
             state._replace(racing=racing, together=together),
             jnp.where(seen.is_fresh[SPIN], rim, jnp.nan),
