@@ -49,10 +49,8 @@ _SLIP_ASIDE = 0.4  # 1σ of a slip, as a share of the slip angle: where a wheel 
 _SLIP_TIME = (0.1, 1.0)  # s: how long errors of a slip last, its own and those that come from the speed
 _SLIP_KNOWN = 0.02  # 1σ of a slip up to which the curve is a line over its width
 _ANEW = (0.1, 0.5, 5.0)  # change of a force over load that tells anew, seen over s; else it does after s
-_GIVES = (
-    0.5,
-    0.03,
-)  # of what the front axle is softer than the rear, of the rear's: in series, not the tire's
+# in series with the tire: shares of what the front axle is softer than the rear one, and of the rear one
+_GIVES = (0.5, 0.03)
 _LEAST_STEP = 1e-3
 _FLOOR = -60.0  # of a log probability
 # Which evidence counts for which part: F_y front, rear, F_x of four wheels. The parts: the car as if it stood
@@ -218,8 +216,9 @@ class FrictionBank(eqx.Module):
         """Advance by ``dt`` and weigh what the tires tell; also the log-likelihood of it."""
         mixed = self._mixed(state, jnp.abs(touch.speed) * dt)
         x, P = self._moved(mixed.x, mixed.P, touch, dt)
-        elastic = self._slip_stiffness * touch.slip / jnp.maximum(1 + touch.slip, 0.1)
-        told = jnp.concatenate([touch.across, touch.along, jnp.clip(elastic, -1.0, 1.0)])
+        # models err by where on the curve a tire works, so a sample counts anew as that changes
+        linear = self._slip_stiffness * touch.slip / jnp.maximum(1 + touch.slip, 0.1)
+        told = jnp.concatenate([touch.across, touch.along, jnp.clip(linear, -1.0, 1.0)])
         change = told - state.level
         level = state.level - jnp.expm1(-dt / _ANEW[1]) * change
         change = jnp.concatenate(
@@ -230,7 +229,7 @@ class FrictionBank(eqx.Module):
         step = jnp.maximum(dt, _LEAST_STEP)
         shared = touch.slip_shared**2 / (touch.slip_shared**2 + touch.slip_std**2)
         slip_time = _SLIP_TIME[0] + (_SLIP_TIME[1] - _SLIP_TIME[0]) * shared
-        lasts = 2 * jnp.concatenate([jnp.full(2, _ERROR_TIME), jnp.full(4, 1.0) * slip_time])
+        lasts = 2 * jnp.concatenate([jnp.full(2, _ERROR_TIME, x.dtype), jnp.broadcast_to(slip_time, (4,))])
         takes = jnp.maximum((lasts + 1 / anew) / step, 1.0)
         speed = jnp.maximum(jnp.abs(touch.speed), _SLOWEST)
         across_evidence = []

@@ -118,11 +118,15 @@ class TireContact(eqx.Module):
         away = jnp.maximum(away - _RUNAWAY[0] - 2 * spread, 0.0)
         gains = radius * seen.rate[SPIN] * turn + self.half_track * seen.rate[YAW_RATE]
         outruns = jnp.maximum(jnp.abs(gains - accel) - _RACING[0] - 2 * unsure, 0.0)
-        outruns = jnp.maximum(outruns, jnp.abs(jnp.mean(gains) - accel) - _RACING[1] - 2 * unsure)
+        told = seen.age[SPIN] < STALE
+        mean = jnp.sum(jnp.where(told, gains - accel, 0.0)) / jnp.maximum(jnp.sum(told), 1)
+        outruns = jnp.maximum(outruns, jnp.abs(mean) - _RACING[1] - 2 * unsure)
         racing = jnp.maximum(outruns, state.racing * jnp.exp(-dt / _RACING[2]))
-        apart = jnp.max(rim) - jnp.min(rim)
-        agree = (apart < _TOGETHER[0] * jnp.abs(speed) + _TOGETHER[1]) & (jnp.max(outruns) == 0.0)
-        agree = agree & (jnp.min(jnp.abs(rim)) > _DEAD_BAND[0])
+        slowest = jnp.min(jnp.where(told, rim, jnp.inf))
+        fastest = jnp.max(jnp.where(told, rim, -jnp.inf))
+        agree = fastest - slowest < _TOGETHER[0] * jnp.abs(speed) + _TOGETHER[1]
+        agree = agree & (jnp.max(jnp.where(told, outruns, 0.0)) == 0.0) & (jnp.sum(told) > 1)
+        agree = agree & (jnp.minimum(jnp.abs(slowest), jnp.abs(fastest)) > _DEAD_BAND[0])
         together = jnp.where(agree, state.together + dt, 0.0)
         away = jnp.where(together > _TOGETHER[2], 0.0, away)
         lasting = (_SLIP_SHARE * slip * speed) ** 2 + (_RUNAWAY[1] * away) ** 2 + (_RACING[2] * racing) ** 2
