@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 
 from roadstate.core.constants import GRAVITY
 from roadstate.estimators.base import leaf
-from roadstate.estimators.friction_curve import TOP, Grip, bounded, elastic
+from roadstate.estimators.friction_curve import TOP, Grip, bounded, elastic, theoretical_slip
 from roadstate.estimators.mixture import inherit, learn, moments
 from roadstate.estimators.road import GradePrior
 from roadstate.linalg import root
@@ -217,7 +217,7 @@ class FrictionBank(eqx.Module):
         mixed = self._mixed(state, jnp.abs(touch.speed) * dt)
         x, P = self._moved(mixed.x, mixed.P, touch, dt)
         # models err by where on the curve a tire works, so a sample counts anew as that changes
-        linear = self._slip_stiffness * touch.slip / jnp.maximum(1 + touch.slip, 0.1)
+        linear = self._slip_stiffness * theoretical_slip(touch.slip)
         told = jnp.concatenate([touch.across, touch.along, jnp.clip(linear, -1.0, 1.0)])
         change = told - state.level
         level = state.level - jnp.expm1(-dt / _ANEW[1]) * change
@@ -240,7 +240,7 @@ class FrictionBank(eqx.Module):
         x, P, _ = learn(x, P, row, -rear, jnp.full_like(rear, _SIDESLIP**2), takes[1])
         for axle in range(2):
             here = self._axle(x, touch, speed, mixed.y, axle)
-            angle = self._factor(touch, axle) * self._stiffness[axle] * jnp.exp(x[STIFF_F + axle])
+            angle = self._cornering(x, touch, axle)
             by_angle = here.across_by_angle * angle
             lagged = -by_angle / speed
             rows = [zero] * _N  # stacked: writing one by one costs a pass each
@@ -290,9 +290,9 @@ class FrictionBank(eqx.Module):
         weight = jnp.maximum(raised - total, _FLOOR)
         return BankState(weight, x, P, y, Y, level), total[0, 0]
 
-    def _factor(self, touch: Touch, axle: int) -> Array:
-        """How much of an axle's cornering stiffness is left as load moves to its outer wheel."""
-        return 1 - 0.4 * touch.transfer[axle]
+    def _cornering(self, x: Array, touch: Touch, axle: int) -> Array:
+        """C_α/F_z of an axle's tires, of which less is left as load moves to the outer wheel."""
+        return (1 - 0.4 * touch.transfer[axle]) * self._stiffness[axle] * jnp.exp(x[STIFF_F + axle])
 
     def _angle(self, x: Array, touch: Touch, speed: Array, axle: int) -> Array:
         """Slip angle of an axle under each hypothesis, as its tangent."""
@@ -304,11 +304,10 @@ class FrictionBank(eqx.Module):
     def _wheels(self, x: Array, y: Array, touch: Touch, speed: Array, axle: int) -> tuple[Grip, Array, Array]:
         """Left and right tire of an axle, (2, J), ∂(F_x/F_z)/∂ slip, and how much a slip's error can do."""
         pair = slice(2 * axle, 2 * axle + 2)
-        kappa = touch.slip[pair, None] - y[:, 2 + axle]
-        ratio = kappa / jnp.maximum(1 + kappa, 0.1)
+        ratio = theoretical_slip(touch.slip[pair, None] - y[:, 2 + axle])
         stiff = self._slip_stiffness * jnp.exp(y[:, 0])
         angle = self._angle(x, touch, speed, axle)
-        across = self._factor(touch, axle) * self._stiffness[axle] * jnp.exp(x[STIFF_F + axle]) * angle
+        across = self._cornering(x, touch, axle) * angle
         shape = self._shape + y[:, 1]
         here = bounded(stiff * ratio, across, self.friction, shape)
         # As slips are uncertain, what matters is the curve's slope between the slip measured and the one that
@@ -321,10 +320,10 @@ class FrictionBank(eqx.Module):
 
     def _axle(self, x: Array, touch: Touch, speed: Array, y: Array, axle: int) -> Grip:
         """An axle's tires together: the mean of its wheels, which slip as their own side does."""
-        kappa = touch.slip[2 * axle : 2 * axle + 2, None] - y[:, 2 + axle]
-        along = self._slip_stiffness * jnp.exp(y[:, 0]) * kappa / jnp.maximum(1 + kappa, 0.1)
+        slip = touch.slip[2 * axle : 2 * axle + 2, None] - y[:, 2 + axle]
+        along = self._slip_stiffness * jnp.exp(y[:, 0]) * theoretical_slip(slip)
         angle = self._angle(x, touch, speed, axle)
-        across = self._factor(touch, axle) * self._stiffness[axle] * jnp.exp(x[STIFF_F + axle]) * angle
+        across = self._cornering(x, touch, axle) * angle
         wheels = bounded(along, across, self.friction, self._shape + x[SHAPE_F + axle])
         return Grip(*(jnp.mean(part, axis=0) for part in wheels))
 

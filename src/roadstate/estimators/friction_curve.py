@@ -95,6 +95,11 @@ def elastic(force: Numbers, friction: Numbers, shape: Numbers) -> Numbers:
     return friction * factor * jnp.tan(jnp.arcsin(share) / factor)
 
 
+def theoretical_slip(slip: Numbers) -> Numbers:
+    """σ = κ/(1 + κ) of a practical slip κ, as far as a wheel that is nearly locked (Pacejka, ch. 3)."""
+    return slip / jnp.maximum(1 + slip, 0.1)
+
+
 def _within(shape: Numbers) -> tuple[Numbers, Numbers]:
     """The shape factor that counts, and its derivative by the one given."""
     share = jnp.tanh((shape - _SHAPES[0]) / _SHAPES[1])

@@ -236,7 +236,7 @@ class Joint(Estimator[JointState]):
         contact, touch = self.inputs.contact.touch(contact, seen, forces, speed, speed_std, gain, dt)
         late = self.watch.lateness(watch, WHEEL_SPEEDS) * gain / jnp.maximum(jnp.abs(speed), 1.0)
         touch = touch._replace(slip_shared=jnp.hypot(touch.slip_shared, jnp.max(jnp.abs(late))))
-        bank, likelihood = once(self.bank.step(state.bank, once(touch), dt))
+        bank, likelihood = once(self.bank.step(state.bank, touch, dt))
         trust = self.trust.test(state.trust, raw, balance, signal, speed, held.repeats >= REPEATS, dt)
         trust, now = once((trust, self.trust.verdict(trust)))
         found = (now.lies & (~verdict.lies)) | (now.swapped & (~verdict.swapped))

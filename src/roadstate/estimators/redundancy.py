@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float
 
 from roadstate.core.constants import GRAVITY
 from roadstate.estimators.base import leaf
-from roadstate.estimators.contact_forces import AxleForces
+from roadstate.estimators.contact_forces import AxleForces, steered_cosines
 from roadstate.estimators.intake import ACCEL_X, ACCEL_Y, SPIN, STALE, STEER, YAW_RATE, Signals
 from roadstate.estimators.signals import Held
 
@@ -219,9 +219,8 @@ class Redundancy(eqx.Module):
         ]
         # the speed
         half = 0.5 * jnp.stack([self.track[0], -self.track[0], self.track[1], -self.track[1]])
-        turn = jnp.stack([cosine, cosine, jnp.ones_like(cosine), jnp.ones_like(cosine)])
         rate = jnp.where(known[YAW_RATE], smooth[YAW_RATE], 0.0)
-        rims = self.radius * spin * turn + half * rate
+        rims = self.radius * spin * steered_cosines(cosine) + half * rate
         rims_std = _WHEEL[0] + jnp.abs(speed) * (_WHEEL[1] + 2 * slip)
         free = used < _HELD
         least = -_BACKWARD * jnp.maximum(jnp.abs(speed), self.slowest)
