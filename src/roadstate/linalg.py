@@ -13,13 +13,15 @@ from typing import NamedTuple, TypeVar, cast
 
 import jax
 import jax.numpy as jnp
-import jax.scipy.linalg as jsl
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from roadstate import dense
+from roadstate.dense import cholesky, row_triangle
+
 T = TypeVar("T")
-_UNROLLED = 8
-"""Up to this many rows, code unrolled at trace time beats a call into LAPACK (by 1 to 2 µs)."""
+_SMALL = 8
+"""Up to this many rows an orthogonal triangularisation costs no more than a product and its factor."""
 _SUMMED = 16
 """Up to this many rows and columns, a product unrolled at trace time beats a call into a library."""
 _PIVOT = 1e-6
@@ -30,20 +32,11 @@ of 1e-13 of the row and 1e-10 of the pivot."""
 def tria(A: Float[Array, "n k"]) -> Float[Array, "n n"]:
     """Lower-triangular L with non-negative diagonal and L Lᵀ = A Aᵀ (k ≥ n); rank-deficient A is fine.
 
-    Small A by modified Gram–Schmidt, whose triangular factor is as backward stable as Householder's
-    (Björck 1967; Higham, *Accuracy and Stability of Numerical Algorithms*, ch. 19.8), larger by
-    :func:`stacked_tria`.
+    Small A by modified Gram–Schmidt (:func:`roadstate.dense.row_triangle`), larger by :func:`stacked_tria`.
     """
-    if A.shape[0] > _UNROLLED:
+    if A.shape[0] > _SMALL:
         return stacked_tria(A, jnp.zeros((0, 0), A.dtype))
-    columns = []
-    for i in range(A.shape[0]):
-        square = jnp.sum(A[i] ** 2)
-        direction = A[i] * jnp.where(square > 0, 1 / jnp.sqrt(jnp.where(square > 0, square, 1)), 0)
-        along = product(A, direction[:, None])
-        columns.append(along[:, 0])
-        A = A - along * direction
-    return jnp.tril(jnp.stack(columns, axis=1))
+    return row_triangle(A)
 
 
 @jax.custom_jvp
@@ -51,8 +44,8 @@ def stacked_tria(top: Float[Array, "m q"], bottom: Float[Array, "n k"]) -> Float
     """:func:`tria` of ``[[top], [0, bottom]]``, where ``bottom`` lies under the last columns of ``top``.
 
     In float64 by the Cholesky factor of the product with its transpose, provided that no pivot is so small
-    against its row that rounding could matter (:data:`_PIVOT`), else by LAPACK's QR; in single precision
-    always by QR. Under ``vmap`` QR runs only when some member of the batch needs it.
+    against its row that rounding could matter (:data:`_PIVOT`), else by Gram and Schmidt's method; in single
+    precision always by that. Under ``vmap`` it runs only when some member of the batch needs it.
     """
     return cast(Array, _stacked(top, bottom))
 
@@ -64,7 +57,7 @@ def _stacked_tria_jvp(primals: tuple[Array, Array], tangents: tuple[Array, Array
     singular = jnp.diag((jnp.diagonal(L) == 0).astype(L.dtype))
 
     def seen(pair: tuple[Array, Array]) -> Array:
-        return jsl.solve_triangular(L + singular, _dense(*pair), lower=True)
+        return dense.solve_lower(L + singular, _dense(*pair))
 
     half = seen(tangents) @ seen(primals).T
     slope = half + half.T
@@ -88,28 +81,22 @@ def _dense(top: Array, bottom: Array) -> Array:
     return jnp.concatenate([top, jnp.concatenate([gap, bottom], axis=-1)], axis=-2)
 
 
-def _by_qr(A: Array) -> Array:
-    upper = jnp.linalg.qr(_transposed(A), mode="r")
-    sign = jnp.where(_diagonal(upper) < 0, -1.0, 1.0).astype(A.dtype)
-    return _transposed(upper * sign[..., None])
-
-
 @jax.custom_batching.custom_vmap
 def _stacked(top: Array, bottom: Array) -> Array:
     """:func:`stacked_tria` with any leading axes."""
     if top.dtype != jnp.float64:
-        return _by_qr(_dense(top, bottom))
+        return row_triangle(_dense(top, bottom))
     # block by block, so that the zeros are not multiplied
     cross = _times_transposed(bottom, top[..., top.shape[-1] - bottom.shape[-1] :])
     upper = jnp.concatenate([_times_transposed(top, top), _transposed(cross)], axis=-1)
     lower = jnp.concatenate([cross, _times_transposed(bottom, bottom)], axis=-1)
     gram = once(jnp.concatenate([upper, lower], axis=-2))
-    L: Array = jax.lax.linalg.cholesky(gram, symmetrize_input=False)
+    L = cholesky(gram)
     sound = jnp.all(_diagonal(L) ** 2 > _PIVOT * _diagonal(gram), axis=-1)
     factor = jax.lax.cond(
         jnp.all(sound),
         lambda: L,
-        lambda: jnp.where(sound[..., None, None], L, _by_qr(_dense(top, bottom))),
+        lambda: jnp.where(sound[..., None, None], L, row_triangle(_dense(top, bottom))),
     )
     return cast(Array, factor)
 
@@ -137,12 +124,7 @@ def product(A: Float[Array, "... n k"], B: Float[Array, "... k m"]) -> Float[Arr
 
 def solve_lower(L: Float[Array, "m m"], b: Float[Array, " m"]) -> Float[Array, " m"]:
     """L⁻¹ b for a lower-triangular L."""
-    if L.shape[0] > _UNROLLED:
-        return jsl.solve_triangular(L, b, lower=True)
-    rows: list[Float[Array, ""]] = []
-    for i in range(L.shape[0]):
-        rows.append((b[i] - sum((L[i, j] * x for j, x in enumerate(rows)), jnp.zeros((), b.dtype))) / L[i, i])
-    return jnp.stack(rows)
+    return dense.solve_lower(L, b[:, None])[:, 0]
 
 
 def root(x: Array) -> Array:
@@ -202,7 +184,7 @@ def correct(
     keep = used[:, None]
     skipped = jnp.diag((~used).astype(dtype))
     top = jnp.concatenate([jnp.where(keep, sqrt_R, 0), skipped, jnp.where(keep, sensor_rows, 0)], axis=1)
-    L = stacked_tria(once(top), state_rows) if n + m > _UNROLLED else tria(_dense(top, state_rows))
+    L = stacked_tria(once(top), state_rows) if n + m > _SMALL else tria(_dense(top, state_rows))
     sqrt_S, gain = L[:m, :m], L[m:, :m]
     whitened = solve_lower(sqrt_S, jnp.where(used, innovation, 0))
     return Correction(

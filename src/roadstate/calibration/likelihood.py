@@ -24,7 +24,7 @@ from roadstate.calibration.parameters import Parameter, moved, with_certainty
 from roadstate.calibration.uncertainty import Mask, Numbers
 from roadstate.core import InputError, Log
 from roadstate.core.gaussian import Gate
-from roadstate.core.numerics import CONCURRENT, jit_loop
+from roadstate.core.numerics import jit_loop
 from roadstate.core.packing import Layout
 from roadstate.estimators import build
 from roadstate.filters.base import LOG_2PI, GateRule
@@ -83,7 +83,7 @@ def _advance(
     return jax.vmap(one)(leaves, states)
 
 
-_compiled = jit_loop(_advance, CONCURRENT)
+_compiled = jit_loop(_advance)
 
 
 @jax.jit

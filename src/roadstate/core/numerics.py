@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import cache, wraps
 from pathlib import Path
 from typing import ParamSpec, TypeVar
@@ -11,20 +11,22 @@ from typing import ParamSpec, TypeVar
 import equinox as eqx
 import jax
 
+from roadstate.core.kernel import one_kernel
+
 P = ParamSpec("P")
 R = TypeVar("R")
 
-Options = Mapping[str, bool | str]
-
-_LOOP_OPTIONS: Options = {
+_LOOP_OPTIONS: dict[str, bool | str | int] = {
     # a step over small arrays has nothing worth running in parallel; the attempt doubles its time
     "xla_cpu_scheduler_type": "CPU_SCHEDULER_TYPE_MEMORY_OPTIMIZED",
+    "xla_cpu_multi_thread_eigen": False,
     # fusion emitters serve large arrays: without them such a loop compiles in half the time
     "xla_cpu_use_fusion_emitters": False,
+    # XLA's library for products has no place within one kernel, and several at once may wait for ever
+    "xla_cpu_experimental_ynn_fusion_type": "",
+    # what the compiler does beyond this takes a third of its time and gains a step nothing
+    "xla_backend_optimization_level": 1,
 }
-
-CONCURRENT: Options = {"xla_cpu_experimental_ynn_fusion_type": ""}
-"""For a loop of which several run at once: XLA's library for products may then wait for ever."""
 
 # XLA's factorisations wait, on a thread of its pool, for others of that pool. When several programs run at
 # once (run.batch) and each waits like this, a pool of one thread a core has none left: all wait for ever.
@@ -36,19 +38,17 @@ if "JAX_ENABLE_X64" not in os.environ:
     jax.config.update("jax_enable_x64", True)  # type: ignore[no-untyped-call]
 
 
-def jit_loop(function: Callable[P, R], options: Options | None = None) -> Callable[P, R]:
+def jit_loop(function: Callable[P, R]) -> Callable[P, R]:
     """``equinox.filter_jit`` for a function that is one long loop over small arrays.
 
-    Args:
-        function: to be compiled at its first call.
-        options: more of XLA's options for the CPU; those that this XLA does not know are left out.
+    On a CPU such a loop would spend most of its time going from one tiny kernel to the next. So it becomes
+    one kernel as a whole, unless something in it calls a library.
     """
 
     @cache
     def compiled() -> Callable[P, R]:
         # at the first call, not at import: knowing the options starts a backend
-        known = _known({**_LOOP_OPTIONS, **(options or {})})
-        jitted: Callable[P, R] = eqx.filter_jit(function, compiler_options=known)  # type: ignore[call-overload]
+        jitted: Callable[P, R] = eqx.filter_jit(one_kernel(function), compiler_options=loop_options())  # type: ignore[call-overload]
         return jitted
 
     within: Callable[P, R] = eqx.filter_jit(function)
@@ -62,12 +62,13 @@ def jit_loop(function: Callable[P, R], options: Options | None = None) -> Callab
     return call
 
 
-def _known(options: Options) -> Options:
-    return {k: v for k, v in options.items() if jax.default_backend() == "cpu" and _is_known(k, v)}
+def loop_options() -> dict[str, bool | str | int]:
+    """For ``compiler_options``: what suits programs of many operations on small arrays, on this backend."""
+    return {k: v for k, v in _LOOP_OPTIONS.items() if jax.default_backend() == "cpu" and _is_known(k, v)}
 
 
 @cache
-def _is_known(name: str, value: bool | str) -> bool:
+def _is_known(name: str, value: bool | str | int) -> bool:
     try:
         jax.jit(lambda: 0, compiler_options={name: value})()
     except jax.errors.JaxRuntimeError:

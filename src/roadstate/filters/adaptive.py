@@ -14,6 +14,7 @@ from roadstate.filters.averages import Average, AverageState, Window, unbiased
 from roadstate.filters.base import Filter
 from roadstate.filters.ekf import EKF
 from roadstate.filters.noise import WithNoise
+from roadstate.filters.spectral import spectral
 from roadstate.filters.ukf import UKF
 from roadstate.linalg import product
 from roadstate.statespace import StateSpaceModel
@@ -139,9 +140,11 @@ class AdaptiveNoise(Filter[AdaptiveState]):
         if not self.full:
             scale = jnp.where(enough, jnp.clip(second[0], self.floor, self.ceiling), 1)
             return jnp.sqrt(scale)[:, None] * nominal
-        eigenvalues, V = jnp.linalg.eigh(second)
-        factor = V * jnp.sqrt(jnp.clip(eigenvalues, self.floor, self.ceiling))
+        (factor,), _ = spectral(self._root_within, second)
         return jnp.where(enough, _std(nominal)[:, None] * factor, nominal)
+
+    def _root_within(self, eigenvalues: Float[Array, " m"]) -> Float[Array, "1 m"]:
+        return jnp.sqrt(jnp.clip(eigenvalues, self.floor, self.ceiling))[None]
 
 
 class AdaptiveUKF(AdaptiveNoise):

@@ -95,7 +95,7 @@ class ExtendedHInfinity(Filter[HInfinityState]):
 
         finite = info.ok & jnp.all(jnp.isfinite(mean)) & jnp.all(jnp.isfinite(posterior))
         gaussian = Gaussian(jnp.where(finite, mean, prior.mean), jnp.where(finite, posterior, prior.factor))
-        least = self._possible(eigenvalues[-1], theta)
+        least = self._possible(jnp.max(eigenvalues), theta)
         reason = jnp.where(least < theta, Reason.THETA_REDUCED, info.reason)
         reason = jnp.where(finite, reason, Reason.NOT_FINITE)
         kalman = FilterState(gaussian, whitened.rejected)

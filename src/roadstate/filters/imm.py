@@ -12,6 +12,7 @@ from jax.scipy.special import logsumexp
 from jaxtyping import Array, Bool, Float, Int
 
 from roadstate.core.gaussian import Gate, Gaussian, Info
+from roadstate.dense import cholesky
 from roadstate.filters.base import Filter, FilterState, GateRule, GaussianFilter, examine
 from roadstate.filters.switching import SwitchingModel
 from roadstate.filters.ukf import UKF
@@ -161,5 +162,5 @@ def _cholesky(S: Float[Array, "m m"]) -> Float[Array, "m m"]:
     """Factor of a covariance of sensors, whatever their units and however nearly alike they are."""
     std = jnp.sqrt(jnp.diagonal(S))
     ridge = 10 * float(np.finfo(S.dtype).eps) * jnp.eye(S.shape[0], dtype=S.dtype)
-    factor: Float[Array, "m m"] = jnp.linalg.cholesky(S / (std[:, None] * std) + ridge)
+    factor: Float[Array, "m m"] = cholesky(S / (std[:, None] * std) + ridge)
     return std[:, None] * factor

@@ -179,7 +179,7 @@ class LimitedMemoryEKF(Filter[LimitedMemoryState]):
         W, apart = jnp.where(sound, W, 0), jnp.where(sound, apart, 0)
         (gain, inflation), old_share = spectral(self._removal, W)
         shift = product(now.factor, product(gain, product(A.T, apart[:, None])))[:, 0]
-        kept = active & ~(sound & (1 - old_share[-1] >= self.least_share))
+        kept = active & ~(sound & (1 - jnp.max(old_share) >= self.least_share))
         return Gaussian(now.mean + shift, tria(product(now.factor, inflation))), kept
 
     def _removal(self, share: Float[Array, " n"]) -> Float[Array, "2 n"]:

@@ -11,6 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from roadstate.dense import eigh
+
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
 def spectral(
@@ -23,11 +25,11 @@ def spectral(
     eigenvalues coincide.
 
     Args:
-        functions: elementwise, from (n,) eigenvalues in ascending order and the parameters to (k, n).
+        functions: elementwise, from (n,) eigenvalues, in any order, and the parameters to (k, n).
         W: (n, n) symmetric.
         parameters: what else ``functions`` depends on.
     """
-    eigenvalues, V = jnp.linalg.eigh(W)
+    eigenvalues, V = eigh(W)
     return (V * functions(eigenvalues, *parameters)[:, None]) @ V.T, eigenvalues
 
 
@@ -36,7 +38,7 @@ def _spectral_jvp(
     functions: Callable[..., Float[Array, "k n"]], primals: tuple[Any, ...], tangents: tuple[Any, ...]
 ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
     (W, *parameters), (dW, *dparameters) = primals, tangents
-    eigenvalues, V = jnp.linalg.eigh(W)
+    eigenvalues, V = eigh(W)
     values, slopes = jax.jvp(
         lambda x: functions(x, *parameters), (eigenvalues,), (jnp.ones_like(eigenvalues),)
     )

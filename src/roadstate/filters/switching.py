@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from roadstate.core.gaussian import Gaussian
+from roadstate.dense import solve
 from roadstate.linalg import product
 from roadstate.statespace import StateSpaceModel
 
@@ -88,7 +89,7 @@ class SwitchingModel(StateSpaceModel):
         K = self.count
         rates = self.rates * (1 - jnp.eye(K, dtype=self.rates.dtype))
         generator = (rates - jnp.diag(jnp.sum(rates, axis=1))) * (dt / 2**_DOUBLINGS)
-        jump = jnp.linalg.solve(jnp.eye(K, dtype=generator.dtype) - generator, generator)
+        jump = solve(jnp.eye(K, dtype=generator.dtype) - generator, generator)
         for _ in range(_DOUBLINGS):
             jump = 2 * jump + product(jump, jump)
         whole: Float[Array, "K K"] = jnp.eye(K, dtype=jump.dtype) + jump

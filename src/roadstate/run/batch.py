@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roadstate.core import Estimates, InputError, Log
-from roadstate.core.numerics import CONCURRENT, jit_loop
+from roadstate.core.numerics import jit_loop
 from roadstate.core.packing import Layout
 from roadstate.estimators.base import Estimator
 from roadstate.run.chunk import CHUNK, cut, inputs, scan_steps, start, to_estimates
@@ -38,7 +38,7 @@ def _scan_chunks(
     return final, rows, row_layout
 
 
-_compiled = jit_loop(_scan_chunks, CONCURRENT)
+_compiled = jit_loop(_scan_chunks)
 
 
 def batch(

@@ -17,6 +17,8 @@ import jax
 import numpy as np
 
 from roadstate.core import InputError
+from roadstate.core.kernel import one_kernel
+from roadstate.core.numerics import loop_options
 from roadstate.core.packing import Layout
 from roadstate.estimators.base import Estimate, Estimator
 from roadstate.run.chunk import advance, start
@@ -55,14 +57,14 @@ def _program(static: Any, layout: Layout, structure: Any) -> Program:
     sample comes as one vector, Δt first, since every array handed over costs microseconds.
     """
 
-    @jax.jit
     def step(leaves: list[Any], state: dict[str, Any], row: Any) -> tuple[dict[str, Any], Estimate]:
         estimator = eqx.combine(jax.tree.unflatten(structure, leaves), static)
         sample = {c: row[i] for i, c in enumerate(estimator.channels, 1)}
         new, out = advance(estimator, layout.unpack(state), sample, row[0])
         return layout.pack(new), out.estimate
 
-    return step
+    program: Program = jax.jit(one_kernel(step), compiler_options=loop_options())
+    return program
 
 
 @eqx.filter_jit

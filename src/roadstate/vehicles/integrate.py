@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from roadstate.dense import solve
 from roadstate.vehicles.model import Stiff, soft_sign
 
 
@@ -100,12 +101,12 @@ class LinearlyImplicit(Integrator):
         direction = jnp.where(x != 0, jnp.sign(x), jnp.sign(moving))
         start = jnp.where(held, 0, moving - first.dry * direction)
         matrix = jnp.eye(x.shape[0], dtype=x.dtype) - dt * jnp.where(held[:, None], 0, first.damping)
-        k = jnp.linalg.solve(matrix, start)
+        k = solve(matrix, start[:, None])[:, 0]
         ahead = x + dt * k
         second = model.stiff(ahead, u)
         end = second.derivative + second.dry * (soft_sign(ahead) - direction)
         lacking = 0.5 * (start + jnp.where(held, 0, end)) - k
-        moved = ahead + dt * jnp.linalg.solve(matrix, jnp.linalg.solve(matrix, lacking))
+        moved = ahead + dt * solve(matrix, solve(matrix, lacking[:, None]))[:, 0]
         return jnp.where((first.dry > 0) & (moved * x < 0), 0, moved)
 
 

@@ -7,10 +7,10 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import jax.scipy.linalg as jsl
 import numpy as np
 from jaxtyping import Array, Float
 
+from roadstate.dense import solve
 from roadstate.sim.plant.vectors import cross, dot
 from roadstate.tires.base import as_leaf
 from roadstate.tires.smooth import Numbers
@@ -153,7 +153,7 @@ class Chassis(eqx.Module):
             ]
         )
         right = Q - weighted.T @ bias.reshape(15)
-        solved = jsl.cho_solve((jnp.linalg.cholesky(M), True), right)
+        solved = solve(M, right[:, None])[:, 0]
         return Accelerations(solved[:3], solved[3:6], solved[6:])
 
     def _along_paths(self, loads: Loads) -> Numbers:

@@ -1,0 +1,82 @@
+"""One kernel for a whole program of small operations, instead of a kernel for each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import wraps
+from typing import Any, ParamSpec, TypeVar
+
+import equinox as eqx
+import jax
+import jax.extend as jex
+import jax.numpy as jnp
+from jax.experimental.xla_metadata import set_xla_metadata
+from jaxtyping import Array, Float
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+_MARKS = {"xla_cpu_small_call": "true", "inlineable": "false"}
+
+_OUTSIDE = {
+    *("cholesky", "cholesky_update", "eig", "eigh", "geqp3", "geqrf", "hessenberg", "householder_product"),
+    *("lu", "qr", "schur", "svd", "symmetric_product", "triangular_solve", "tridiagonal"),
+    *("tridiagonal_solve", "approx_top_k", "fft", "sort", "top_k"),
+    *("ffi_call", "io_callback", "pure_callback", "debug_callback"),
+}
+"""Primitives that XLA leaves to a library or to Python: a kernel cannot call them."""
+
+
+def one_kernel(function: Callable[P, R]) -> Callable[P, R]:
+    """A function to be traced by ``jax.jit``, which XLA shall compile into a single kernel for a CPU.
+
+    A filter's step is hundreds of operations on a few numbers each: to go from one kernel to the next takes
+    longer than the work. XLA makes one kernel of a small loop by itself; the marks set here are its own.
+    Where something in the function calls a library, or for another kind of device, it stays as it is.
+    """
+
+    @wraps(function)
+    def call(*args: P.args, **kwargs: P.kwargs) -> R:
+        if jax.default_backend() != "cpu":
+            return function(*args, **kwargs)
+        traced, arrays, others = eqx.filter_make_jaxpr(function)(*args, **kwargs)
+        flat = _run(traced, jax.tree.leaves(eqx.filter((args, kwargs), eqx.is_array)))
+        result: R = eqx.combine(jax.tree.unflatten(jax.tree.structure(arrays), flat), others)
+        return result
+
+    return call
+
+
+def _run(traced: jex.core.ClosedJaxpr, leaves: list[Array]) -> list[Array]:
+    run: Callable[..., list[Array]] = jex.core.jaxpr_as_fun(traced)
+    if _OUTSIDE & set(_primitives(traced.jaxpr)):
+        return run(*leaves)
+
+    @jax.jit
+    def whole(*full: Array) -> tuple[Float[Array, ""], list[Array]]:
+        rest = iter(full)
+        return _witness(full), run(*(next(rest) if a.size else jnp.zeros(a.shape, a.dtype) for a in leaves))
+
+    witness, flat = whole(*(a for a in leaves if a.size))
+    # what makes the witness, the call of the whole, is marked: not the operations within it
+    witness = set_xla_metadata(witness, **_MARKS)  # type: ignore[no-untyped-call]
+    results: list[Array] = jax.lax.optimization_barrier((witness, flat))[1]  # type: ignore[no-untyped-call]
+    return results
+
+
+def _witness(leaves: tuple[Array, ...]) -> Float[Array, ""]:
+    """Something that depends on every argument: XLA ends the process over a kernel that leaves one unread."""
+    firsts = (a[(0,) * a.ndim].astype(jnp.float32) for a in leaves)
+    return sum(firsts, jnp.zeros((), jnp.float32))
+
+
+def _primitives(jaxpr: Any) -> Iterator[str]:
+    for eqn in jaxpr.eqns:
+        yield eqn.primitive.name
+        for inner in jax.tree.leaves(list(eqn.params.values()), is_leaf=_is_jaxpr):
+            if _is_jaxpr(inner):
+                yield from _primitives(getattr(inner, "jaxpr", inner))
+
+
+def _is_jaxpr(value: object) -> bool:
+    return isinstance(value, jex.core.Jaxpr | jex.core.ClosedJaxpr)
