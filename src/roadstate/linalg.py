@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from roadstate import dense
+from roadstate.core.kernel import marked
 from roadstate.dense import cholesky, row_triangle
 
 T = TypeVar("T")
@@ -136,8 +137,15 @@ def once(tree: T) -> T:
     """The same values, computed once.
 
     Without this the compiler may fuse an expression into each of its uses and evaluate it anew for every
-    element there, exponentials and roots included, which costs more than the fusion saves.
+    element there, exponentials and roots included, which costs more than the fusion saves. (A barrier alone
+    is gone before the compiler fuses; a call that it may not inline stays.)
     """
+    kept: T = marked(_barrier, tree, inlineable="false")
+    return kept
+
+
+@jax.jit
+def _barrier(tree: T) -> T:
     return cast(T, jax.lax.optimization_barrier(tree))  # type: ignore[no-untyped-call]
 
 

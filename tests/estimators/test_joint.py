@@ -12,9 +12,10 @@ from roadstate.core.constants import GRAVITY
 from roadstate.core.quantities import reference
 from roadstate.estimators import build
 from roadstate.estimators.contact_forces import ForceMeter
-from roadstate.estimators.friction_bank import STIFF_F, STIFF_R, VIEWS, BankState, FrictionBank, Touch
+from roadstate.estimators.friction_bank import VIEWS, BankState, FrictionBank
 from roadstate.estimators.friction_curve import bounded, elastic, grip
 from roadstate.estimators.intake import SMOOTHING, SPIN, Signals
+from roadstate.estimators.sideways import STIFF_F, STIFF_R, Touch
 from roadstate.estimators.tire_contact import ContactState, TireContact
 from roadstate.papers.base import MISMATCHED
 from roadstate.papers.plants import told

@@ -14,7 +14,20 @@ from roadstate.core.constants import GRAVITY
 from roadstate.estimators.base import leaf
 from roadstate.estimators.friction_curve import TOP, Grip, bounded, elastic, theoretical_slip
 from roadstate.estimators.mixture import inherit, learn, moments
-from roadstate.estimators.road import GradePrior
+from roadstate.estimators.sideways import (
+    BANK,
+    BIAS_R,
+    BIAS_Y,
+    LEVER,
+    SHAPE_F,
+    SIZE,
+    SLOWEST,
+    STEER_BIAS,
+    STIFF_F,
+    V_Y,
+    Sideways,
+    Touch,
+)
 from roadstate.linalg import root
 
 if TYPE_CHECKING:
@@ -22,28 +35,15 @@ if TYPE_CHECKING:
 
 VIEWS = ("", "_front", "_rear", "_left", "_right")
 """The car and its parts, of whose tires friction is told."""
-STATES = (
-    *("velocity_y", "bank", "bank_rate", "accel_y_bias"),
-    *("stiffness_front", "stiffness_rear", "shape_front", "shape_rear"),
-    *("steer_bias", "lever", "yaw_rate_bias"),
-)
-_N = len(STATES)
-V_Y, BANK, BANK_RATE, BIAS_Y, STIFF_F, STIFF_R, SHAPE_F, SHAPE_R, STEER_BIAS, LEVER, BIAS_R = range(_N)
 _M = 4  # of a side's wheels: slip stiffness, shape, what front and rear wheel seem to slip when they roll
 _LEAST, _LARGEST, _COUNT = 0.06, 1.35, 32  # a power of two: XLA vectorises it
 _ELSEWHERE = 0.5  # prior probability of a road that is not dry
 _JUMP = 1 / 400.0  # 1/m: how often the road's friction changes altogether
 _DRIFT = 0.1**2 / 300.0  # 1/m: variance of ln μ that is added by driving on
-_BANK_LENGTH = 80.0  # m over which a road keeps its bank
-_LASTING = 3600.0  # s
 _SIDESLIP = 0.1  # rad: 1σ of the rear axle's slip angle
-_LEVER = 0.3  # m: 1σ of how far the accelerometer sits ahead of the centre of gravity
-_SLOWEST = 3.0  # m/s below which slip angles say nothing
-_ACCEL = 0.03  # m/s²/√Hz: white error of what moves the car sideways
 _ERROR = (0.008, 0.015)  # 1σ of a force over load measured, and share of it
 _ANGLE_ERROR = 0.002  # rad: 1σ of a slip angle, besides what v_y and the steering's bias do to it
 _ERROR_TIME = 0.15  # s: how long these errors last
-_LASTS = np.isin(np.arange(_N), [BIAS_Y, STIFF_F, STIFF_R, SHAPE_F, SHAPE_R, STEER_BIAS, BIAS_R])
 _SLIP_OFFSET = 0.003  # 1σ of a slip, of radii that differ
 _SLIP_ASIDE = 0.4  # 1σ of a slip, as a share of the slip angle: where a wheel heads is known that well
 _SLIP_TIME = (0.1, 1.0)  # s: how long errors of a slip last, its own and those that come from the speed
@@ -77,42 +77,6 @@ _MEANS = np.array(
         [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0],
     ]
 )
-
-
-class Touch(NamedTuple):
-    """How the tires touch the road at one instant, as measured.
-
-    Attributes:
-        speed: m/s, along x.
-        accel_y: specific force across, m/s².
-        yaw_rate: rad/s.
-        yaw_accel: rad/s², low-passed.
-        lateral: what v̇_y would be on a level road and without biases, low-passed, m/s².
-        angle: (2,) rad: slip angles of the axles but for v_y and the steering's bias, low-passed.
-        across, along: (2,) and (4,) F_y/F_z of the axles and F_x/F_z of the wheels, low-passed.
-        slip: (4,) practical slip of the wheels.
-        slip_std: 1σ of it that comes and goes within :data:`_SLIP_TIME`.
-        slip_shared: 1σ of what speed's error adds to all, and lasts.
-        across_std, along_std: 1σ of the forces over load beyond the model's own; infinite where unknown.
-        transfer: (2,) squared share of its load that a wheel of the axle gains or loses to the other.
-        lag: s by which ``angle`` lags, and so v_y must.
-    """
-
-    speed: Float[Array, ""]
-    accel_y: Float[Array, ""]
-    yaw_rate: Float[Array, ""]
-    yaw_accel: Float[Array, ""]
-    lateral: Float[Array, ""]
-    angle: Float[Array, " 2"]
-    across: Float[Array, " 2"]
-    along: Float[Array, " 4"]
-    slip: Float[Array, " 4"]
-    slip_std: Float[Array, ""]
-    slip_shared: Float[Array, ""]
-    across_std: Float[Array, " 2"]
-    along_std: Float[Array, " 4"]
-    transfer: Float[Array, " 2"]
-    lag: Float[Array, ""]
 
 
 class BankState(NamedTuple):
@@ -154,21 +118,20 @@ class FrictionBank(eqx.Module):
     Attributes:
         friction: (J,) the hypotheses.
         prior: (J,) log probability of each.
+        motion: of what friction hides in.
     """
 
     friction: Float[Array, " J"]
     prior: Float[Array, " J"]
+    motion: Sideways
     _stiffness: Float[Array, " 2"]
     _gives: Float[Array, " 2"]
     _slip_stiffness: Float[Array, ""]
     _shape: Float[Array, ""]
-    _road: GradePrior
-    _std: Float[Array, " n"]
     _along_std: Float[Array, " m"]
-    _arm: Float[Array, " 2"]
 
     def __init__(self, vehicle: Vehicle) -> None:
-        tires, prior, sensors = vehicle.tires, vehicle.prior, vehicle.sensors
+        tires, prior = vehicle.tires, vehicle.prior
         grid = np.geomspace(_LEAST, _LARGEST, _COUNT)
         spread = float(np.hypot(prior.friction_relative, 1e-3))
         dry = np.exp(-0.5 * (np.log(grid / tires.friction) / spread) ** 2)
@@ -184,27 +147,17 @@ class FrictionBank(eqx.Module):
         self._stiffness = jnp.asarray(1 / (np.array([1 / front, 1 / rear]) - gives))
         self._slip_stiffness = leaf(tires.slip_stiffness)
         self._shape = leaf(tires.shape)
-        bank = GRAVITY * prior.bank_std
-        bias, steer = sensors.accel.bias, sensors.steer.bias
         stiff, shape = prior.stiffness_relative, prior.tire_shape_std
-        self._road = GradePrior(leaf(bank), leaf(_BANK_LENGTH))
-        rate = bank * 3**0.5 / _BANK_LENGTH
-        self._std = jnp.asarray(
-            np.array(
-                [1.0, bank, rate, bias, stiff, stiff, shape, shape, steer, _LEVER, sensors.yaw_rate.bias]
-            )
-        )
+        self.motion = Sideways(vehicle)
         self._along_std = jnp.asarray(np.array([stiff, shape, _SLIP_OFFSET, _SLIP_OFFSET]))
-        geometry = vehicle.geometry
-        self._arm = jnp.asarray([geometry.cg_to_front_axle, -geometry.cg_to_rear_axle])
 
     def init(self) -> BankState:
         """The prior."""
         ones = jnp.ones(_COUNT)
         return BankState(
             jnp.broadcast_to(self.prior, (len(_WEIGHTS), _COUNT)),
-            jnp.zeros((_N, _COUNT)),
-            jnp.diag(self._std**2)[:, :, None] * ones,
+            jnp.zeros((SIZE, _COUNT)),
+            jnp.diag(self.motion.std**2)[:, :, None] * ones,
             jnp.zeros((2, _M, _COUNT)),
             jnp.broadcast_to(jnp.diag(self._along_std**2)[:, :, None], (2, _M, _M, _COUNT)),
             jnp.zeros(10),
@@ -215,7 +168,7 @@ class FrictionBank(eqx.Module):
     ) -> tuple[BankState, Float[Array, ""]]:
         """Advance by ``dt`` and weigh what the tires tell; also the log-likelihood of it."""
         mixed = self._mixed(state, jnp.abs(touch.speed) * dt)
-        x, P = self._moved(mixed.x, mixed.P, touch, dt)
+        x, P = self.motion.moved(mixed.x, mixed.P, touch, dt)
         # models err by where on the curve a tire works, so a sample counts anew as that changes
         linear = self._slip_stiffness * theoretical_slip(touch.slip)
         told = jnp.concatenate([touch.across, touch.along, jnp.clip(linear, -1.0, 1.0)])
@@ -231,32 +184,32 @@ class FrictionBank(eqx.Module):
         slip_time = _SLIP_TIME[0] + (_SLIP_TIME[1] - _SLIP_TIME[0]) * shared
         lasts = 2 * jnp.concatenate([jnp.full(2, _ERROR_TIME, x.dtype), jnp.broadcast_to(slip_time, (4,))])
         takes = jnp.maximum((lasts + 1 / anew) / step, 1.0)
-        speed = jnp.maximum(jnp.abs(touch.speed), _SLOWEST)
+        speed = jnp.maximum(jnp.abs(touch.speed), SLOWEST)
         across_evidence = []
         # beyond its peak a tire tells nothing of the sideslip: a car that is driven does not slide far
-        rear = (x[V_Y] + self._arm[1] * touch.yaw_rate) / speed
+        rear = (x[V_Y] + self.motion.arm[1] * touch.yaw_rate) / speed
         zero = jnp.zeros_like(rear)
-        row = jnp.stack([jnp.full_like(rear, 1 / speed), *[zero] * (_N - 1)])
+        row = jnp.stack([jnp.full_like(rear, 1 / speed), *[zero] * (SIZE - 1)])
         x, P, _ = learn(x, P, row, -rear, jnp.full_like(rear, _SIDESLIP**2), takes[1])
         for axle in range(2):
             here = self._axle(x, touch, speed, mixed.y, axle)
             angle = self._cornering(x, touch, axle)
             by_angle = here.across_by_angle * angle
             lagged = -by_angle / speed
-            rows = [zero] * _N  # stacked: writing one by one costs a pass each
+            rows = [zero] * SIZE  # stacked: writing one by one costs a pass each
             rows[V_Y], rows[BANK] = lagged, lagged * touch.lag
             # the accelerometer's bias and place are in the force as well
             rows[BIAS_Y] = lagged * touch.lag + 1 / GRAVITY
             rows[LEVER] = rows[BIAS_Y] * touch.yaw_accel
             rows[STIFF_F + axle], rows[SHAPE_F + axle] = here.across_by_slip, here.across_by_shape
-            rows[BIAS_R] = lagged * (-self._arm[axle] - touch.lag * touch.speed)
+            rows[BIAS_R] = lagged * (-self.motion.arm[axle] - touch.lag * touch.speed)
             if axle == 0:
                 rows[STEER_BIAS] = -by_angle * jnp.sign(touch.speed)
             row = jnp.stack(rows)
             measured = touch.across[axle]
             noise = touch.across_std[axle] ** 2 + _ERROR[0] ** 2 + (_ERROR[1] * measured) ** 2
             noise = noise * (1 + self._gives[axle] * by_angle) ** 2 + (by_angle * _ANGLE_ERROR) ** 2
-            known = jnp.isfinite(noise) & (jnp.abs(touch.speed) > _SLOWEST)
+            known = jnp.isfinite(noise) & (jnp.abs(touch.speed) > SLOWEST)
             noise = jnp.where(known, noise, 1e12)
             misread = (x[BIAS_Y] + x[LEVER] * touch.yaw_accel) / GRAVITY
             innovation = jnp.where(known, measured - here.across - misread, 0.0)
@@ -277,7 +230,7 @@ class FrictionBank(eqx.Module):
             noise = floor + (by_error * slips) ** 2
             # a curve is no line over the width of a slip that is hardly known, unless the tire surely slides
             sure = jnp.maximum(_SLIP_KNOWN, jnp.abs(touch.slip[pair, None]) / 3) > touch.slip_shared
-            known = jnp.isfinite(floor) & (jnp.abs(touch.speed) > 0.5 * _SLOWEST) & sure
+            known = jnp.isfinite(floor) & (jnp.abs(touch.speed) > 0.5 * SLOWEST) & sure
             noise = jnp.where(known, noise, 1e12)
             innovation = jnp.where(known, measured - here.along, 0.0)
             i = slice(2 + 2 * axle, 4 + 2 * axle)
@@ -298,7 +251,7 @@ class FrictionBank(eqx.Module):
         """Slip angle of an axle under each hypothesis, as its tangent."""
         lateral = touch.lateral - x[BANK] - x[BIAS_Y] - x[LEVER] * touch.yaw_accel + touch.speed * x[BIAS_R]
         angle = touch.angle[axle] - self._gives[axle] * touch.across[axle]
-        angle = angle - (x[V_Y] - self._arm[axle] * x[BIAS_R] - touch.lag * lateral) / speed
+        angle = angle - (x[V_Y] - self.motion.arm[axle] * x[BIAS_R] - touch.lag * lateral) / speed
         return angle - x[STEER_BIAS] * jnp.sign(touch.speed) if axle == 0 else angle
 
     def _wheels(self, x: Array, y: Array, touch: Touch, speed: Array, axle: int) -> tuple[Grip, Array, Array]:
@@ -326,34 +279,6 @@ class FrictionBank(eqx.Module):
         across = self._cornering(x, touch, axle) * angle
         wheels = bounded(along, across, self.friction, self._shape + x[SHAPE_F + axle])
         return Grip(*(jnp.mean(part, axis=0) for part in wheels))
-
-    def _moved(self, x: Array, P: Array, touch: Touch, dt: Array) -> tuple[Array, Array]:
-        """Δt later: v̇_y = a_y − bank − bias − lever ṙ − v_x (r − its bias); the rest forgets."""
-        distance = jnp.abs(touch.speed) * dt
-        keep = jnp.where(_LASTS, jnp.exp(-dt / _LASTING), 1.0).astype(x.dtype)
-        grown = (1 - keep**2) * self._std**2
-        noise = self._road.sqrt_Q(distance)
-        zero, one = jnp.zeros_like(dt), jnp.ones_like(dt)
-        # the first states mix; the others only forget
-        top = [zero] * _N
-        top[V_Y], top[BANK], top[BIAS_Y] = one, -dt, -dt
-        top[LEVER], top[BIAS_R] = -dt * touch.yaw_accel, dt * touch.speed
-        road = jnp.pad(self._road.transition(distance), ((0, 0), (1, _N - 3)))
-        mixes = jnp.concatenate([jnp.stack(top)[None], road])
-        rest = keep[3:, None]
-        known = touch.accel_y - touch.speed * touch.yaw_rate
-        moved = jnp.concatenate([mixes @ x, rest * x[3:]]).at[V_Y].add(dt * known)
-        half = jnp.concatenate([jnp.tensordot(mixes, P, 1), rest[..., None] * P[3:]])
-        across = jnp.einsum("ikj,lk->ilj", half, mixes)
-        Q = jnp.diag(grown.at[V_Y].set(_ACCEL**2 * dt)).at[1:3, 1:3].set(noise @ noise.T)
-        P = jnp.concatenate([across, rest * half[:, 3:]], axis=1) + Q[:, :, None]
-        # at a walking pace the rear axle follows where it points
-        slow = jnp.abs(touch.speed) < _SLOWEST
-        follows = -self._arm[1] * touch.yaw_rate
-        held = jnp.where(slow, jnp.where(jnp.arange(_N) == V_Y, 0.0, 1.0), 1.0)
-        P = P * (held[:, None] * held[None])[:, :, None]
-        P = P + jnp.diag(jnp.where(slow, 0.05**2, 0.0) * (1 - held))[:, :, None]
-        return moved.at[V_Y].set(jnp.where(slow, follows, moved[V_Y])), P
 
     def _mixed(self, state: BankState, distance: Array) -> BankState:
         """The road's friction drifts or changes over a distance; a hypothesis that is born anew inherits."""

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 
+from roadstate.estimators.trigonometry import arcsin, arctan, sin_cos
 from roadstate.tires.smooth import Numbers
 
 _LEAST = 1e-6  # of a normalised slip: below it the curve is its tangent
@@ -53,8 +54,8 @@ def grip(stiff_x: Numbers, stiff_y: Numbers, friction: Numbers, shape: Numbers) 
     square = a * a + b * b
     x = jnp.sqrt(square + _LEAST)
     t = x / shape
-    bend = jnp.arctan(t)
-    sine, cosine = jnp.sin(shape * bend), jnp.cos(shape * bend)
+    bend = arctan(t)
+    sine, cosine = sin_cos(shape * bend)
     slope = cosine / (1 + t * t)
     secant = sine / x
     curve = (slope - secant) / (square + _LEAST)
@@ -91,8 +92,9 @@ def elastic(force: Numbers, friction: Numbers, shape: Numbers) -> Numbers:
         shape: C, kept within those there are.
     """
     factor, _ = _within(shape)
-    share = jnp.clip(force / friction, -TOP, TOP)
-    return friction * factor * jnp.tan(jnp.arcsin(share) / factor)
+    share = jnp.minimum(jnp.abs(force) / friction, TOP)
+    sine, cosine = sin_cos(arcsin(share) / factor)
+    return jnp.sign(force) * friction * factor * sine / cosine
 
 
 def theoretical_slip(slip: Numbers) -> Numbers:

@@ -19,7 +19,7 @@ from roadstate.estimators.along import BIAS, SCALE, SLOPE, SPEED, AlongModel
 from roadstate.estimators.along_input import AlongIntake
 from roadstate.estimators.base import Estimate, Estimator, Need, Sample, Smoothable, leaf
 from roadstate.estimators.contact_forces import AxleForces, ForceMeter, ForceMeterState
-from roadstate.estimators.friction_bank import BANK, V_Y, BankState, FrictionBank
+from roadstate.estimators.friction_bank import BankState, FrictionBank
 from roadstate.estimators.intake import (
     ACCEL_X,
     ACCEL_Y,
@@ -37,6 +37,7 @@ from roadstate.estimators.noise_learning import Unrest
 from roadstate.estimators.pitch import PitchMeter, PitchState
 from roadstate.estimators.plausibility import TORQUE, Plausibility, PlausibilityState
 from roadstate.estimators.redundancy import GROUP, YAW
+from roadstate.estimators.sideways import BANK, V_Y
 from roadstate.estimators.signals import STANDSTILL_SPEED
 from roadstate.estimators.tire_contact import ContactState
 from roadstate.estimators.watch import Watch, WatchState

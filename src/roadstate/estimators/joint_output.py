@@ -11,8 +11,9 @@ from roadstate.core.constants import GRAVITY
 from roadstate.estimators.along import BIAS, SLOPE, SPEED
 from roadstate.estimators.base import Estimate
 from roadstate.estimators.contact_forces import AxleForces
-from roadstate.estimators.friction_bank import BANK, BIAS_Y, LEVER, V_Y, VIEWS
+from roadstate.estimators.friction_bank import VIEWS
 from roadstate.estimators.intake import ACCEL_X, ACCEL_Y, SMOOTHING
+from roadstate.estimators.sideways import BANK, BIAS_Y, LEVER, V_Y
 from roadstate.linalg import root
 
 if TYPE_CHECKING:

@@ -11,8 +11,8 @@ from jaxtyping import Array, Float
 
 from roadstate.estimators.base import leaf
 from roadstate.estimators.contact_forces import AxleForces, steered_cosines
-from roadstate.estimators.friction_bank import Touch
 from roadstate.estimators.intake import ACCEL_Y, SMOOTHING, SPIN, STALE, STEER, YAW_RATE, Signals
+from roadstate.estimators.sideways import Touch
 
 if TYPE_CHECKING:
     from roadstate.vehicles import Vehicle

@@ -1,0 +1,141 @@
+"""What goes on across the road, given the friction: the states that hide it, and how they move."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from roadstate.core.constants import GRAVITY
+from roadstate.estimators.base import leaf
+from roadstate.estimators.road import GradePrior
+from roadstate.linalg import once
+
+if TYPE_CHECKING:
+    from roadstate.vehicles import Vehicle
+
+STATES = (
+    *("velocity_y", "bank", "bank_rate", "accel_y_bias"),
+    *("stiffness_front", "stiffness_rear", "shape_front", "shape_rear"),
+    *("steer_bias", "lever", "yaw_rate_bias"),
+)
+SIZE = len(STATES)
+V_Y, BANK, BANK_RATE, BIAS_Y, STIFF_F, STIFF_R, SHAPE_F, SHAPE_R, STEER_BIAS, LEVER, BIAS_R = range(SIZE)
+_BANK_LENGTH = 80.0  # m over which a road keeps its bank
+_LASTING = 3600.0  # s
+_LEVER = 0.3  # m: 1σ of how far the accelerometer sits ahead of the centre of gravity
+SLOWEST = 3.0
+"""Speed in m/s below which slip angles say nothing."""
+_AT_REST = 0.05  # m/s: 1σ of v_y then
+_ACCEL = 0.03  # m/s²/√Hz: white error of what moves the car sideways
+_LASTS = np.isin(np.arange(SIZE), [BIAS_Y, STIFF_F, STIFF_R, SHAPE_F, SHAPE_R, STEER_BIAS, BIAS_R])
+_IS_V_Y = np.arange(SIZE) == V_Y
+
+
+class Touch(NamedTuple):
+    """How the tires touch the road at one instant, as measured.
+
+    Attributes:
+        speed: m/s, along x.
+        accel_y: specific force across, m/s².
+        yaw_rate: rad/s.
+        yaw_accel: rad/s², low-passed.
+        lateral: what v̇_y would be on a level road and without biases, low-passed, m/s².
+        angle: (2,) rad: slip angles of the axles but for v_y and the steering's bias, low-passed.
+        across, along: (2,) and (4,) F_y/F_z of the axles and F_x/F_z of the wheels, low-passed.
+        slip: (4,) practical slip of the wheels.
+        slip_std: 1σ of it that comes and goes within :data:`_SLIP_TIME`.
+        slip_shared: 1σ of what speed's error adds to all, and lasts.
+        across_std, along_std: 1σ of the forces over load beyond the model's own; infinite where unknown.
+        transfer: (2,) squared share of its load that a wheel of the axle gains or loses to the other.
+        lag: s by which ``angle`` lags, and so v_y must.
+    """
+
+    speed: Float[Array, ""]
+    accel_y: Float[Array, ""]
+    yaw_rate: Float[Array, ""]
+    yaw_accel: Float[Array, ""]
+    lateral: Float[Array, ""]
+    angle: Float[Array, " 2"]
+    across: Float[Array, " 2"]
+    along: Float[Array, " 4"]
+    slip: Float[Array, " 4"]
+    slip_std: Float[Array, ""]
+    slip_shared: Float[Array, ""]
+    across_std: Float[Array, " 2"]
+    along_std: Float[Array, " 4"]
+    transfer: Float[Array, " 2"]
+    lag: Float[Array, ""]
+
+
+class Sideways(eqx.Module):
+    """Motion of :data:`STATES`: v̇_y = a_y − bank − bias − lever ṙ − v_x (r − its bias); the rest forgets.
+
+    Attributes:
+        std: (n,) 1σ before anything is known.
+        arm: (2,) of front and rear axle, ahead of the centre of gravity, m.
+        road: how bank changes with distance.
+    """
+
+    std: Float[Array, " n"]
+    arm: Float[Array, " 2"]
+    road: GradePrior
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        prior, sensors = vehicle.prior, vehicle.sensors
+        bank = GRAVITY * prior.bank_std
+        rate = bank * 3**0.5 / _BANK_LENGTH
+        bias, steer = sensors.accel.bias, sensors.steer.bias
+        stiff, shape = prior.stiffness_relative, prior.tire_shape_std
+        self.std = jnp.asarray(
+            np.array(
+                [1.0, bank, rate, bias, stiff, stiff, shape, shape, steer, _LEVER, sensors.yaw_rate.bias]
+            )
+        )
+        self.road = GradePrior(leaf(bank), leaf(_BANK_LENGTH))
+        geometry = vehicle.geometry
+        self.arm = jnp.asarray([geometry.cg_to_front_axle, -geometry.cg_to_rear_axle])
+
+    def moved(
+        self, x: Float[Array, "n J"], P: Float[Array, "n n J"], touch: Touch, dt: Float[Array, ""]
+    ) -> tuple[Float[Array, "n J"], Float[Array, "n n J"]]:
+        """Means and covariances of J hypotheses Δt later."""
+        is_slow = jnp.abs(touch.speed) < SLOWEST
+        bank, keep, shrink, noise, lever, turn = once(self._figures(touch, is_slow, dt))
+
+        def leading(a: Array) -> tuple[Array, Array, Array]:
+            """The first states mix, the others only forget."""
+            across = a[V_Y] - dt * (a[BANK] + a[BIAS_Y]) - lever * a[LEVER] + turn * a[BIAS_R]
+            return across, *(row[0] * a[BANK] + row[1] * a[BANK_RATE] for row in bank)
+
+        # each part on its own: fused into one expression they take three times as long
+        rows = once(leading(P))
+        half = once(jax.lax.dynamic_update_slice(P, jnp.stack(rows), (0, 0, 0)))
+        columns = once(leading(jnp.swapaxes(half, 0, 1)))
+        whole = once(jax.lax.dynamic_update_slice(half, jnp.stack(columns, axis=1), (0, 0, 0)))
+        across, *banking = leading(x)
+        # at a walking pace the rear axle follows where it points
+        follows = -self.arm[1] * touch.yaw_rate
+        driven = across + dt * (touch.accel_y - touch.speed * touch.yaw_rate)
+        first = jnp.stack([jnp.where(is_slow, follows, driven), *banking])
+        return (
+            jnp.concatenate([first, keep[3:, None] * x[3:]]),
+            whole * shrink[:, :, None] + noise[:, :, None],
+        )
+
+    def _figures(self, touch: Touch, is_slow: Array, dt: Array) -> tuple[Array, ...]:
+        """The bank's transition, what is kept of states and covariance, its noise, and what moves v_y."""
+        distance = jnp.abs(touch.speed) * dt
+        keep = jnp.where(_LASTS, jnp.exp(-dt / _LASTING), 1.0)
+        held = jnp.where(is_slow & _IS_V_Y, 0.0, keep)
+        forgotten = (1 - keep**2) * self.std**2
+        white = jnp.where(is_slow, _AT_REST**2, _ACCEL**2 * dt)
+        noise = jnp.eye(SIZE) * jnp.where(_IS_V_Y, white, forgotten)
+        root_Q = self.road.sqrt_Q(distance)
+        noise = noise + jnp.pad(root_Q @ root_Q.T, (BANK, SIZE - BANK - 2))
+        shrink = held[:, None] * held
+        return self.road.transition(distance), keep, shrink, noise, dt * touch.yaw_accel, dt * touch.speed
