@@ -19,15 +19,15 @@ def drive(samples: int, seed: int) -> Log:
     return Log(time, {"speed": np.where(rng.random(samples) < 0.1, np.nan, speed), "accel_x": accel})
 
 
-@pytest.mark.parametrize("memory", [2**20, 2**29])
-def test_batch_gives_what_scan_gives(memory: int) -> None:
+@pytest.mark.parametrize(("together", "memory"), [(None, 2**29), (8, 2**20), (8, 2**29), (2, 2**29)])
+def test_batch_gives_what_scan_gives(together: int | None, memory: int) -> None:
     """Logs of any length, one longer than a chunk, in groups of any size."""
     logs = [drive(n, seed) for seed, n in enumerate((700, CHUNK + 300, 50, 1200, 900))]
     estimator = build("kmbe", load_vehicle("suv"), {"speed", "accel_x"})
     done: list[tuple[int, int]] = []
-    together = batch(estimator, logs, memory=memory, progress=lambda *at: done.append(at))
+    results = batch(estimator, logs, together=together, memory=memory, progress=lambda *at: done.append(at))
     assert done[-1] == (5, 5)
-    for log, result in zip(logs, together, strict=True):
+    for log, result in zip(logs, results, strict=True):
         alone = scan(estimator, log)
         np.testing.assert_allclose(result.values["grade"], alone.values["grade"], rtol=0, atol=1e-10)
         np.testing.assert_allclose(result.std["grade"], alone.std["grade"], rtol=0, atol=1e-10)
@@ -35,11 +35,12 @@ def test_batch_gives_what_scan_gives(memory: int) -> None:
         assert result.metadata == alone.metadata
 
 
-def test_each_log_may_have_a_car_of_its_own() -> None:
+@pytest.mark.parametrize("together", [1, 2])
+def test_each_log_may_have_a_car_of_its_own(together: int) -> None:
     logs = [drive(600, 1)] * 2
     cars = [load_vehicle(name) for name in ("suv", "compact-car")]
     each = [build("kmbe", car, {"speed", "accel_x"}) for car in cars]
-    for estimator, result in zip(each, batch(each, logs), strict=True):
+    for estimator, result in zip(each, batch(each, logs, together=together), strict=True):
         np.testing.assert_allclose(
             result.std["grade"], scan(estimator, logs[0]).std["grade"], rtol=0, atol=1e-10
         )

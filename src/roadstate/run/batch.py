@@ -17,6 +17,7 @@ from roadstate.core.numerics import jit_loop
 from roadstate.core.packing import Layout
 from roadstate.estimators.base import Estimator
 from roadstate.run.chunk import CHUNK, cut, inputs, scan_steps, start, to_estimates
+from roadstate.run.scan import scan
 
 _BUDGET = 512 * 2**20
 _ROW = 32  # numbers that a step's row may be taken to have, for the memory budget
@@ -45,19 +46,22 @@ def batch(
     estimators: Estimator[Any] | Sequence[Estimator[Any]],
     logs: Sequence[Log],
     *,
+    together: int | None = None,
     memory: int = _BUDGET,
     workers: int | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[Estimates]:
     """Run an estimator over many logs, or over many seeds of one.
 
-    Logs are taken in groups that fit the memory budget; the groups are shared among threads (a compiled loop
-    holds no lock), and within a group all logs advance together. The numbers are those of
-    :func:`roadstate.run.scan`, to rounding.
+    Logs are taken in groups, which are shared among threads (a compiled loop holds no lock); within a group
+    all logs advance together. On a CPU a group is a single log: one keeps a core as busy as many would, and
+    the program is that of :func:`roadstate.run.scan`, compiled once for both. The numbers are those of
+    ``scan``, to rounding.
 
     Args:
         estimators: one for all logs, or one for each (built alike: same channels, other parameters).
         logs: of any lengths; groups are of similar lengths.
+        together: logs of a group; default 1 on a CPU, elsewhere as many as fit the memory budget.
         memory: bytes that the samples and rows of the chunks at work may take.
         workers: threads; default one for each processor.
         progress: called with (logs done, logs) after every group.
@@ -76,7 +80,10 @@ def batch(
         raise InputError("the estimators are not built alike", mend="build them for the same channels")
     workers = min(workers or os.cpu_count() or 1, len(logs))
     per_log = CHUNK * (len(each[0].channels) + 1 + _ROW) * 8
-    size = int(max(1, min(memory // (per_log * workers), -(-len(logs) // workers))))
+    if together is None and jax.default_backend() == "cpu":
+        together = 1
+    fitting = max(1, min(memory // (per_log * workers), -(-len(logs) // workers)))
+    size = int(min(together or fitting, fitting))
     order = np.argsort([-len(log) for log in logs], kind="stable")
     groups = [order[i : i + size] for i in range(0, len(order), size)]
 
@@ -96,6 +103,8 @@ def batch(
 
 def _run_group(estimators: list[Estimator[Any]], logs: list[Log]) -> list[Estimates]:
     """Run logs together, each to the end of the longest."""
+    if len(logs) == 1:
+        return [scan(estimators[0], logs[0])]
     static = eqx.partition(estimators[0], eqx.is_array)[1]
     arrays = [eqx.filter(e, eqx.is_array) for e in estimators]
     params = jax.tree.map(lambda *leaves: np.stack(leaves), *arrays)
