@@ -13,7 +13,8 @@ import numpy as np
 from benchmarks.peers.problems import Array, Problem, model
 from benchmarks.peers.program import Program
 
-from roadstate.core.numerics import CONCURRENT, jit_loop
+from roadstate.core.kernel import one_kernel
+from roadstate.core.numerics import jit_loop, loop_options
 from roadstate.core.packing import Layout
 from roadstate.filters import KF, UKF, Filter
 from roadstate.filters.marginal import MarginalUKF
@@ -54,10 +55,6 @@ def _scan(filter_: Filter[Any], system: Any, layout: Layout, packed: Any, rows: 
     return jax.lax.scan(body, packed, rows)[1]
 
 
-def _batch(filter_: Filter[Any], system: Any, layout: Layout, packed: Any, rows: Any, dt: Any) -> Any:
-    return jax.vmap(lambda p, r: _scan(filter_, system, layout, p, r, dt))(packed, rows)
-
-
 def _rows(problem: Problem, samples: Array) -> Array:
     inputs = np.broadcast_to(problem.inputs, (*samples.shape[:-1], problem.inputs.shape[-1]))
     return np.concatenate([inputs, samples], axis=-1)
@@ -79,13 +76,15 @@ def scan(problem: Problem, marginal: bool = False) -> Program:
 
 
 def batch(problem: Problem, marginal: bool = False, logs: int = LOGS, threads: int = 1) -> Program:
-    """Many logs at once: the first is the problem's own, the others have noise of their own.
+    """Many logs, as :func:`roadstate.run.batch` takes them on a CPU: each by the loop of :func:`scan`.
+
+    The first is the problem's own, the others have noise of their own.
 
     Args:
         problem: the log, and what to run.
         marginal: with :class:`~roadstate.filters.marginal.MarginalUKF`.
-        logs: a multiple of ``threads``, which share them evenly.
-        threads: one call each.
+        logs: how many.
+        threads: that share them.
     """
     filter_, system = choose(problem, marginal), model(problem)
     random = np.random.default_rng(5)
@@ -96,32 +95,28 @@ def batch(problem: Problem, marginal: bool = False, logs: int = LOGS, threads: i
     def begin(seed: Any) -> Any:
         return layout.pack(choose(problem, marginal, seed).init(system))
 
-    rows = jnp.asarray(_rows(problem, problem.samples + noise))
-    whole = jax.jit(jax.vmap(begin))(jnp.arange(logs)), rows
-    shares = jax.block_until_ready([_share(whole, i, logs // threads) for i in range(threads)])
-    run, dt = jit_loop(_batch, CONCURRENT), jnp.asarray(problem.dt)
+    each = [
+        (jax.jit(begin)(jnp.asarray(i)), jnp.asarray(row))
+        for i, row in enumerate(_rows(problem, problem.samples + noise))
+    ]
+    each = jax.block_until_ready(each)
+    run, dt = jit_loop(_scan), jnp.asarray(problem.dt)
     pool = ThreadPoolExecutor(threads)
     compiled = False
 
-    def one(share: Any) -> Any:
-        return jax.block_until_ready(run(filter_, system, layout, *share, dt))
+    def one(log: Any) -> Any:
+        return jax.block_until_ready(run(filter_, system, layout, *log, dt))
 
     def call() -> list[Any]:
         nonlocal compiled
-        if not compiled or threads == 1:  # two threads would compile twice
+        if not compiled:  # two threads would compile twice
+            one(each[0])
             compiled = True
-            return [one(share) for share in shares]
-        return list(pool.map(one, shares))
+        return list(pool.map(one, each))
 
-    how = "in one call" if threads == 1 else f"shared by {threads} threads"
+    how = "one by one" if threads == 1 else f"shared by {threads} threads"
     note = f"{logs} logs of {problem.steps} samples, per step and log, {how}"
-    return Program(
-        call, lambda out: np.asarray(out[0][0])[:, : len(problem.q)], problem.steps, logs, note=note
-    )
-
-
-def _share(whole: Any, index: int, size: int) -> Any:
-    return jax.tree.map(lambda a: a[index * size : (index + 1) * size], whole)
+    return Program(call, lambda out: np.asarray(out[0])[:, : len(problem.q)], problem.steps, logs, note=note)
 
 
 def stream(problem: Problem) -> Program:
@@ -135,16 +130,17 @@ def stream(problem: Problem) -> Program:
     rows = _rows(problem, problem.samples)
     rows = np.concatenate([np.full((len(rows), 1), problem.dt), rows], axis=1)
 
-    @jax.jit
     def step(arrays: list[Any], packed: Any, row: Any) -> Any:
         own, what = eqx.combine(jax.tree.unflatten(structure, arrays), static)
         return _step(own, what, layout, packed, row[1:], row[0])
+
+    run = jax.jit(one_kernel(step), compiler_options=loop_options())
 
     def call() -> Any:
         packed, outs, times = start, [], []
         for row in rows:
             begin = time.perf_counter()
-            packed, out = step(leaves, packed, row)
+            packed, out = run(leaves, packed, row)
             outs.append(np.asarray(out))
             times.append(time.perf_counter() - begin)
         return np.stack(outs), np.array(times)

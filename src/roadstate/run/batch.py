@@ -9,6 +9,7 @@ from typing import Any
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,7 +17,7 @@ from roadstate.core import Estimates, InputError, Log
 from roadstate.core.numerics import jit_loop
 from roadstate.core.packing import Layout
 from roadstate.estimators.base import Estimator
-from roadstate.run.chunk import CHUNK, cut, inputs, scan_steps, start, to_estimates
+from roadstate.run.chunk import CHUNK, Row, cut, inputs, scan_steps, start, to_estimates
 from roadstate.run.scan import scan
 
 _BUDGET = 512 * 2**20
@@ -24,19 +25,14 @@ _ROW = 32  # numbers that a step's row may be taken to have, for the memory budg
 
 
 def _scan_chunks(
-    params: Any, static: Any, layout: Layout, states: Any, samples: Any, dt: Any
-) -> tuple[Any, Any, Layout]:
-    """A chunk of each log of a group: the single log's loop under ``vmap``."""
-    row_layout: Layout | None = None
+    params: Any, static: Any, layout: Layout, states: Any, samples: Any, dt: Any, count: Any
+) -> tuple[Any, Row]:
+    """``count`` steps through a chunk of each log of a group: the single log's loop under ``vmap``."""
 
-    def one(own: Any, state: Any, values: Any, steps: Any) -> tuple[Any, Any]:
-        nonlocal row_layout
-        final, rows, row_layout = scan_steps(eqx.combine(own, static), layout, state, values, steps)
-        return final, rows
+    def one(own: Any, state: Any, values: Any, steps: Any) -> tuple[Any, Row]:
+        return scan_steps(eqx.combine(own, static), layout, state, values, steps, count)
 
-    final, rows = jax.vmap(one)(params, states, samples, dt)
-    assert row_layout is not None  # it has been traced
-    return final, rows, row_layout
+    return jax.vmap(one)(params, states, samples, dt)
 
 
 _compiled = jit_loop(_scan_chunks)
@@ -112,14 +108,14 @@ def _run_group(estimators: list[Estimator[Any]], logs: list[Log]) -> list[Estima
     layout = starts[0][1]
     states = jax.tree.map(lambda *leaves: np.stack(leaves), *[packed for packed, _ in starts])
     each = [inputs(e, log) for e, log in zip(estimators, logs, strict=True)]
-    parts: list[dict[str, NDArray[Any]]] = []
-    for begin in range(0, max(len(log) for log in logs), CHUNK):
+    parts: list[Row] = []
+    longest = max(len(log) for log in logs)
+    for begin in range(0, longest, CHUNK):
         cuts = [cut(samples, dt, begin) for samples, dt in each]
         samples, dt = (np.stack(column) for column in zip(*cuts, strict=True))
-        states, rows, row_layout = _compiled(params, static, layout, states, samples, dt)
-        parts.append({k: np.asarray(v) for k, v in rows.items()})
-    results = []
-    for i, (estimator, log) in enumerate(zip(estimators, logs, strict=True)):
-        whole = {k: np.concatenate([p[k][i] for p in parts])[: len(log)] for k in parts[0]}
-        results.append(to_estimates(estimator, log, row_layout.unpack(whole)))
-    return results
+        count = jnp.asarray(min(CHUNK, longest - begin))
+        states, rows = _compiled(params, static, layout, states, samples, dt, count)
+        parts.append(jax.tree.map(np.asarray, rows))
+    whole = jax.tree.map(lambda *leaves: np.concatenate(leaves, axis=1), *parts)
+    own = [jax.tree.map(lambda leaf, i=i: leaf[i, : len(logs[i])], whole) for i in range(len(logs))]
+    return [to_estimates(*one) for one in zip(estimators, logs, own, strict=True)]

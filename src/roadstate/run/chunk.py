@@ -55,27 +55,27 @@ def start(estimator: Estimator[Any]) -> tuple[dict[str, Any], Layout]:
 def scan_steps(
     estimator: Estimator[Any],
     layout: Layout,
-    state: Any,
+    packed: dict[str, Array],
     samples: Float[Array, "k c"],
     dt: Float[Array, " k"],
-) -> tuple[Any, Any, Layout]:
-    """Scan over a chunk: final state and rows, both packed, and how the rows unpack.
+    count: Int[Array, ""] | int,
+) -> tuple[dict[str, Array], Row]:
+    """``count`` steps through a chunk: the packed state after them, and their rows, zero beyond ``count``."""
 
-    Packed, since a loop's cost is in the number of arrays it carries and emits.
-    """
-    row_layout: Layout | None = None
+    def step(state: Any, i: Any) -> tuple[Any, Row]:
+        sample = {c: samples[i, column] for column, c in enumerate(estimator.channels)}
+        return advance(estimator, state, sample, dt[i])
 
-    def body(packed: Any, row: Any) -> tuple[Any, Any]:
-        nonlocal row_layout
-        values, step = row
-        sample = {c: values[i] for i, c in enumerate(estimator.channels)}
-        new, out = advance(estimator, layout.unpack(packed), sample, step)
-        row_layout = Layout(out)
-        return layout.pack(new), row_layout.pack(out)
+    def body(i: Any, work: tuple[Any, Row]) -> tuple[Any, Row]:
+        state, row = step(work[0], i)
+        put = jax.lax.dynamic_update_index_in_dim
+        return state, jax.tree.map(lambda rows, new: put(rows, new, i, axis=0), work[1], row)
 
-    final, rows = jax.lax.scan(body, state, (samples, dt))
-    assert row_layout is not None  # the body has been traced
-    return final, rows, row_layout
+    state = layout.unpack(packed)
+    shapes = jax.eval_shape(step, state, 0)[1]
+    rows = jax.tree.map(lambda one: jnp.zeros((len(dt), *one.shape), one.dtype), shapes)
+    state, rows = jax.lax.fori_loop(0, count, body, (state, rows))
+    return layout.pack(state), rows
 
 
 def inputs(estimator: Estimator[Any], log: Log) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

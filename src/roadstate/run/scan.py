@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
-from numpy.typing import NDArray
 
 from roadstate.core import Estimates, Log
 from roadstate.core.numerics import jit_loop
 from roadstate.estimators.base import Estimator
-from roadstate.run.chunk import CHUNK, cut, inputs, scan_steps, start, to_estimates
+from roadstate.run.chunk import CHUNK, Row, cut, inputs, scan_steps, start, to_estimates
 
 _scan_chunk = jit_loop(scan_steps)
 
@@ -33,12 +33,12 @@ def scan(
     total = len(log)
     samples, dt = inputs(estimator, log)
     state, layout = start(estimator)
-    parts: list[dict[str, NDArray[Any]]] = []
+    parts: list[Row] = []
     for begin in range(0, total, CHUNK):
         values, steps = (jnp.asarray(a) for a in cut(samples, dt, begin))
-        state, rows, row_layout = _scan_chunk(estimator, layout, state, values, steps)
-        parts.append({k: np.asarray(v)[: total - begin] for k, v in rows.items()})
+        count = min(CHUNK, total - begin)
+        state, rows = _scan_chunk(estimator, layout, state, values, steps, jnp.asarray(count))
+        parts.append(jax.tree.map(lambda leaf, count=count: np.asarray(leaf)[:count], rows))
         if progress is not None:
             progress(min(begin + CHUNK, total), total)
-    whole = {k: np.concatenate([p[k] for p in parts]) for k in parts[0]}
-    return to_estimates(estimator, log, row_layout.unpack(whole))
+    return to_estimates(estimator, log, jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts))
