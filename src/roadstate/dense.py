@@ -31,8 +31,10 @@ _put = partial(jax.lax.dynamic_update_index_in_dim, axis=-2)
 
 
 def _over_rows(count: int, step: Callable[[Array, T], T], start: T) -> T:
+    if not count:
+        return start
     unroll = count if count <= _UNROLLED else _AT_ONCE
-    return cast(T, jax.lax.fori_loop(0, count, step, start, unroll=max(unroll, 1)))
+    return cast(T, jax.lax.fori_loop(0, count, step, start, unroll=unroll))
 
 
 def cholesky(A: Float[Array, "... n n"]) -> Float[Array, "... n n"]:

@@ -36,25 +36,34 @@ def tria(A: Float[Array, "n k"]) -> Float[Array, "n n"]:
     Small A by modified Gram–Schmidt (:func:`roadstate.dense.row_triangle`), larger by :func:`stacked_tria`.
     """
     if A.shape[0] > _SMALL:
-        return stacked_tria(A, jnp.zeros((0, 0), A.dtype))
+        return stacked_tria(A, jnp.zeros((0, 0), A.dtype)).corner
     return row_triangle(A)
 
 
+class Blocks(NamedTuple):
+    """Blocks of a lower-triangular matrix ``[[corner, 0], [side, factor]]``."""
+
+    corner: Float[Array, "m m"]
+    side: Float[Array, "n m"]
+    factor: Float[Array, "n n"]
+
+
 @jax.custom_jvp
-def stacked_tria(top: Float[Array, "m q"], bottom: Float[Array, "n k"]) -> Float[Array, "p p"]:
+def stacked_tria(top: Float[Array, "m q"], bottom: Float[Array, "n k"]) -> Blocks:
     """:func:`tria` of ``[[top], [0, bottom]]``, where ``bottom`` lies under the last columns of ``top``.
 
     In float64 by the Cholesky factor of the product with its transpose, provided that no pivot is so small
     against its row that rounding could matter (:data:`_PIVOT`), else by Gram and Schmidt's method; in single
     precision always by that. Under ``vmap`` it runs only when some member of the batch needs it.
     """
-    return cast(Array, _stacked(top, bottom))
+    return cast(Blocks, _stacked(top, bottom))
 
 
 @stacked_tria.defjvp
-def _stacked_tria_jvp(primals: tuple[Array, Array], tangents: tuple[Array, Array]) -> tuple[Array, Array]:
+def _stacked_tria_jvp(primals: tuple[Array, Array], tangents: tuple[Array, Array]) -> tuple[Blocks, Blocks]:
     """dL = L Φ(L⁻¹ (dA Aᵀ + A dAᵀ) L⁻ᵀ), Φ the lower triangle with half the diagonal."""
-    L = stacked_tria(*primals)
+    blocks = stacked_tria(*primals)
+    L = _whole(blocks)
     singular = jnp.diag((jnp.diagonal(L) == 0).astype(L.dtype))
 
     def seen(pair: tuple[Array, Array]) -> Array:
@@ -62,7 +71,18 @@ def _stacked_tria_jvp(primals: tuple[Array, Array], tangents: tuple[Array, Array
 
     half = seen(tangents) @ seen(primals).T
     slope = half + half.T
-    return L, L @ (jnp.tril(slope) - 0.5 * jnp.diag(jnp.diagonal(slope)))
+    change = L @ (jnp.tril(slope) - 0.5 * jnp.diag(jnp.diagonal(slope)))
+    return blocks, _split(change, primals[0].shape[0])
+
+
+def _whole(blocks: Blocks) -> Array:
+    gap = jnp.zeros_like(_transposed(blocks.side))
+    upper = jnp.concatenate([blocks.corner, gap], axis=-1)
+    return jnp.concatenate([upper, jnp.concatenate([blocks.side, blocks.factor], axis=-1)], axis=-2)
+
+
+def _split(L: Array, m: int) -> Blocks:
+    return Blocks(L[..., :m, :m], L[..., m:, :m], L[..., m:, m:])
 
 
 def _transposed(A: Array) -> Array:
@@ -83,30 +103,34 @@ def _dense(top: Array, bottom: Array) -> Array:
 
 
 @jax.custom_batching.custom_vmap
-def _stacked(top: Array, bottom: Array) -> Array:
+def _stacked(top: Array, bottom: Array) -> Blocks:
     """:func:`stacked_tria` with any leading axes."""
+    m = top.shape[-2]
     if top.dtype != jnp.float64:
-        return row_triangle(_dense(top, bottom))
-    # block by block, so that the zeros are not multiplied
-    cross = _times_transposed(bottom, top[..., top.shape[-1] - bottom.shape[-1] :])
-    upper = jnp.concatenate([_times_transposed(top, top), _transposed(cross)], axis=-1)
-    lower = jnp.concatenate([cross, _times_transposed(bottom, bottom)], axis=-1)
-    gram = once(jnp.concatenate([upper, lower], axis=-2))
-    L = cholesky(gram)
-    sound = jnp.all(_diagonal(L) ** 2 > _PIVOT * _diagonal(gram), axis=-1)
-    factor = jax.lax.cond(
-        jnp.all(sound),
-        lambda: L,
-        lambda: jnp.where(sound[..., None, None], L, row_triangle(_dense(top, bottom))),
-    )
-    return cast(Array, factor)
+        return _split(row_triangle(_dense(top, bottom)), m)
+    first = _times_transposed(top, top)
+    corner = cholesky(first)
+    cross = _times_transposed(top[..., top.shape[-1] - bottom.shape[-1] :], bottom)
+    side = once(_transposed(dense.solve_lower(corner, cross)))
+    second = once(_times_transposed(bottom, bottom))
+    factor = cholesky(second - _times_transposed(side, side))
+    sound = jnp.all(_diagonal(corner) ** 2 > _PIVOT * _diagonal(first), axis=-1)
+    sound = sound & jnp.all(_diagonal(factor) ** 2 > _PIVOT * _diagonal(second), axis=-1)
+
+    def with_care() -> Blocks:
+        careful = _split(row_triangle(_dense(top, bottom)), m)
+        blocks = zip((corner, side, factor), careful, strict=True)
+        return Blocks(*(jnp.where(sound[..., None, None], ours, theirs) for ours, theirs in blocks))
+
+    blocks = jax.lax.cond(jnp.all(sound), lambda: Blocks(corner, side, factor), with_care)
+    return cast(Blocks, blocks)
 
 
 @_stacked.def_vmap
-def _stacked_batch(size: int, batched: list[bool], top: Array, bottom: Array) -> tuple[Array, bool]:
+def _stacked_batch(size: int, batched: list[bool], top: Array, bottom: Array) -> tuple[Blocks, Blocks]:
     pair = ((top, batched[0]), (bottom, batched[1]))
     each = (a if has_axis else jnp.broadcast_to(a, (size, *a.shape)) for a, has_axis in pair)
-    return _stacked(*each), True
+    return _stacked(*each), Blocks(True, True, True)  # type: ignore[arg-type]
 
 
 def product(A: Float[Array, "... n k"], B: Float[Array, "... k m"]) -> Float[Array, "... n m"]:
@@ -142,6 +166,15 @@ def once(tree: T) -> T:
     """
     kept: T = marked(_barrier, tree, inlineable="false")
     return kept
+
+
+def beside(*blocks: Float[Array, "n _"]) -> Float[Array, "n k"]:
+    """Blocks in one matrix, side by side.
+
+    Made before they are joined: of expressions the compiler would make one loop that asks, at each element,
+    which block it is in.
+    """
+    return once(jnp.concatenate(once(blocks), axis=1))
 
 
 @jax.jit
@@ -191,13 +224,15 @@ def correct(
     dtype = state_rows.dtype
     keep = used[:, None]
     skipped = jnp.diag((~used).astype(dtype))
-    top = jnp.concatenate([jnp.where(keep, sqrt_R, 0), skipped, jnp.where(keep, sensor_rows, 0)], axis=1)
-    L = stacked_tria(once(top), state_rows) if n + m > _SMALL else tria(_dense(top, state_rows))
-    sqrt_S, gain = L[:m, :m], L[m:, :m]
+    top = beside(jnp.where(keep, sqrt_R, 0), skipped, jnp.where(keep, sensor_rows, 0))
+    if n + m > _SMALL:
+        sqrt_S, gain, factor = stacked_tria(top, state_rows)
+    else:
+        sqrt_S, gain, factor = _split(tria(_dense(top, state_rows)), m)
     whitened = solve_lower(sqrt_S, jnp.where(used, innovation, 0))
     return Correction(
         delta=product(gain, whitened[:, None])[:, 0],
-        factor=L[m:, m:],
+        factor=factor,
         nis=jnp.sum(whitened**2),
         log_det=2 * jnp.sum(jnp.log(jnp.diagonal(sqrt_S))),
     )

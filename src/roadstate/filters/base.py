@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from roadstate.core.gaussian import Gate, Gaussian, Info, Reason
-from roadstate.linalg import correct, once, product, tria
+from roadstate.linalg import beside, correct, product, tria
 from roadstate.statespace import StateSpaceModel
 
 T = TypeVar("T")
@@ -175,8 +175,7 @@ class GaussianFilter(Filter[FilterState]):
     ) -> FilterState:
         """Time update."""
         moved = self.move(model, state.gaussian, u, dt)
-        spread = once(jnp.concatenate([moved.after, moved.noise], axis=1))
-        return FilterState(Gaussian(moved.mean, tria(spread)), state.rejected)
+        return FilterState(Gaussian(moved.mean, tria(beside(moved.after, moved.noise))), state.rejected)
 
     def posterior(self, state: FilterState) -> Gaussian:
         """The Gaussian held."""

@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 
 from roadstate.core.gaussian import Gaussian, Info
 from roadstate.filters.base import FilterState, GateRule, GaussianFilter, Moved
-from roadstate.linalg import once
+from roadstate.linalg import beside, once
 from roadstate.statespace import StateSpaceModel
 
 
@@ -81,7 +81,7 @@ class UKF(GaussianFilter):
         """f at the sigma points; what the even parts hold is uncorrelated with x."""
         u = once(u)
         seen = self._image_of(lambda x: model.f(x, u, dt), gaussian)
-        noise = jnp.concatenate([seen.even.T, model.sqrt_Q(u, dt)], axis=1)
+        noise = beside(seen.even.T, model.sqrt_Q(u, dt))
         return Moved(seen.mean, gaussian.factor, seen.odd.T, noise)
 
     def update(
@@ -90,7 +90,7 @@ class UKF(GaussianFilter):
         """Measurement update."""
         seen = self._image_of(lambda x: model.h(x, u), state.gaussian)
         # even parts are uncorrelated with x: noise, as far as the update is concerned
-        noise = jnp.concatenate([model.sqrt_R(u), seen.even.T], axis=1)
+        noise = beside(model.sqrt_R(u), seen.even.T)
         return self._condition(state, z, seen.mean, state.gaussian.factor, seen.odd.T, noise)
 
     def _image_of(
@@ -101,9 +101,9 @@ class UKF(GaussianFilter):
 
     def _points(self, gaussian: Gaussian) -> Float[Array, "k n"]:
         n = gaussian.mean.shape[0]
-        offsets = self.alpha * sqrt(n + self.kappa) * gaussian.factor.T
-        # once, or every access to a point would draw it again
-        return once(jnp.concatenate([gaussian.mean[None], gaussian.mean + offsets, gaussian.mean - offsets]))
+        offsets = self.alpha * sqrt(n + self.kappa) * gaussian.factor
+        mean = gaussian.mean[:, None]
+        return beside(mean, mean + offsets, mean - offsets).T
 
     def _pairs(self, values: Float[Array, "p ..."], spread: float) -> Pairs:
         """Moments of values at the centre, at the points on one side, and at those opposite.
