@@ -20,7 +20,7 @@ from roadstate.core.kernel import one_kernel
 from roadstate.estimators import Estimator, all_estimators, build, runnable
 from roadstate.io.plausible import limit_of
 from roadstate.run import Stream, scan
-from roadstate.run.chunk import inputs, scan_steps, start
+from roadstate.run.chunk import inputs, kept, scan_steps, start
 from roadstate.vehicles import Vehicle, load_vehicle
 
 NAN = np.nan
@@ -325,7 +325,7 @@ def test_a_scan_is_one_kernel(case: Case) -> None:
     params, static = eqx.partition(case.estimator, eqx.is_array)
 
     def run(params: Any, state: Any, samples: Any, dt: Any) -> Any:
-        return scan_steps(eqx.combine(params, static), layout, state, samples, dt, len(dt))
+        return scan_steps(eqx.combine(params, static), layout, state, samples, dt, len(dt), kept)
 
     program = jax.jit(one_kernel(run)).lower(params, packed, samples, dt)
     assert "xla_cpu_small_call" in program.as_text()

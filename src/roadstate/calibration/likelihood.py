@@ -1,7 +1,7 @@
 """The likelihood of logs under an estimator's own filter, and how it changes with the car's figures.
 
 An estimator is built from plain numbers, which cannot be traced. So it is built once more for each parameter,
-moved a little, and all of them go through the log in one loop, side by side: differences of innovations and
+moved a little, and all of them go through the log side by side: differences of innovations and
 of likelihoods are their derivatives.
 """
 
@@ -23,16 +23,13 @@ from numpy.typing import NDArray
 from roadstate.calibration.parameters import Parameter, moved, with_certainty
 from roadstate.calibration.uncertainty import Mask, Numbers
 from roadstate.core import InputError, Log
-from roadstate.core.gaussian import Gate
+from roadstate.core.gaussian import Gate, Info
 from roadstate.core.numerics import jit_loop
-from roadstate.core.packing import Layout
-from roadstate.estimators import build
+from roadstate.estimators import Estimator, build
 from roadstate.filters.base import LOG_2PI, GateRule
-from roadstate.run.chunk import cut, inputs, start
+from roadstate.run.chunk import CHUNK, cut, inputs, scan_steps, start
 from roadstate.vehicles import Vehicle
 
-_CHUNK = 1024  # samples a compiled loop takes at once
-_TOGETHER = 4  # estimators in one loop; more of them take turns, or other processors
 _SPAN = 0.5  # of a prior standard deviation, over which curvature is looked for
 _BALANCE = ("mass", "aerodynamics", "rolling_resistance", "driveline", "brakes", "body")
 _ROUNDING = 1e-3  # of a score
@@ -57,33 +54,13 @@ class _Rows(NamedTuple):
     ok: Any
 
 
-def _advance(
-    leaves: Any,
-    static: Any,
-    layout: Layout,
-    states: dict[str, Array],
-    samples: Numbers,
-    dt: Numbers,
-) -> tuple[dict[str, Array], _Rows]:
-    """A chunk of samples through a few estimators at once."""
-
-    def one(leaves: Any, state: Any) -> tuple[Any, _Rows]:
-        estimator = eqx.combine(leaves, static)
-
-        def body(packed: Any, row: Any) -> tuple[Any, _Rows]:
-            values, step = row
-            sample = {c: values[i] for i, c in enumerate(estimator.channels)}
-            new, info = estimator.step(layout.unpack(packed), sample, step)
-            used = jnp.isfinite(info.innovation) & (info.gate != Gate.REJECTED)
-            ok = info.ok & jnp.isfinite(info.log_likelihood)
-            return layout.pack(new), _Rows(info.log_likelihood, info.innovation, info.S, used, ok)
-
-        return jax.lax.scan(body, state, (samples, dt))
-
-    return jax.vmap(one)(leaves, states)
+def _kept(estimator: Estimator[Any], state: Any, info: Info) -> _Rows:
+    used = jnp.isfinite(info.innovation) & (info.gate != Gate.REJECTED)
+    ok = info.ok & jnp.isfinite(info.log_likelihood)
+    return _Rows(info.log_likelihood, info.innovation, info.S, used, ok)
 
 
-_compiled = jit_loop(_advance)
+_compiled = jit_loop(scan_steps)
 
 
 @jax.jit
@@ -325,26 +302,31 @@ class Likelihood:
         """Chunk after chunk, how many samples it has, and the rows of the car at ``free`` (b, p)."""
         car = with_certainty(self.vehicle, self.parameters, active)
         built = [build(self.estimator, moved(car, self.parameters, f), prepared.channels) for f in free]
-        filled = built + [built[-1]] * (-len(built) % _TOGETHER)
-        groups = [filled[i : i + _TOGETHER] for i in range(0, len(filled), _TOGETHER)]
-        static = eqx.partition(built[0], eqx.is_inexact_array)[1]
-        leaves = [_stack([eqx.filter(e, eqx.is_inexact_array) for e in group]) for group in groups]
-        states = [_stack([start(e)[0] for e in group]) for group in groups]
-        layout = start(built[0])[1]
-        with ThreadPoolExecutor(min(len(groups), os.cpu_count() or 1)) as pool:
-            for begin in range(0, len(prepared.log), _CHUNK):
-                values, dt = cut(prepared.samples, prepared.dt, begin, _CHUNK)
+        starts = [start(e) for e in built]
+        states, layout = [state for state, _ in starts], starts[0][1]
+        with ThreadPoolExecutor(min(len(built), os.cpu_count() or 1)) as pool:
+            for begin in range(0, len(prepared.log), CHUNK):
+                values, dt = (jnp.asarray(a) for a in cut(prepared.samples, prepared.dt, begin))
+                count = min(CHUNK, len(prepared.log) - begin)
 
-                def advance(own: Any, state: Any, values: Numbers = values, dt: Numbers = dt) -> Any:
-                    states, rows = _compiled(own, static, layout, state, values, dt)
-                    return states, jax.tree.map(np.asarray, rows)
+                def advance(
+                    own: Estimator[Any],
+                    state: Any,
+                    values: Array = values,
+                    dt: Array = dt,
+                    count: int = count,
+                ) -> Any:
+                    state, rows = _compiled(own, layout, state, values, dt, jnp.asarray(count), _kept)
+                    return state, jax.tree.map(np.asarray, rows)
 
-                done = list(pool.map(advance, leaves, states))
+                # at first one by itself: several at once would each compile the program
+                alone = 1 if begin == 0 else 0
+                done = [
+                    *map(advance, built[:alone], states),
+                    *pool.map(advance, built[alone:], states[alone:]),
+                ]
                 states = [state for state, _ in done]
-                rows = jax.tree.map(
-                    lambda *each: np.concatenate(each)[: len(built)], *[rows for _, rows in done]
-                )
-                count = min(_CHUNK, len(prepared.log) - begin)
+                rows = jax.tree.map(lambda *each: np.stack(each), *[rows for _, rows in done])
                 self._check(prepared, begin, np.all(rows.ok, axis=0)[:count])
                 yield count, rows
 
@@ -356,7 +338,3 @@ class Likelihood:
                 where=prepared.name,
                 mend="look at the channels there, or leave that part out",
             )
-
-
-def _stack(trees: Sequence[Any]) -> Any:
-    return jax.tree.map(lambda *leaves: np.stack(leaves), *trees)

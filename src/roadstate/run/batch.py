@@ -17,7 +17,7 @@ from roadstate.core import Estimates, InputError, Log
 from roadstate.core.numerics import jit_loop
 from roadstate.core.packing import Layout
 from roadstate.estimators.base import Estimator
-from roadstate.run.chunk import CHUNK, Row, cut, inputs, scan_steps, start, to_estimates
+from roadstate.run.chunk import CHUNK, Row, cut, inputs, kept, scan_steps, start, to_estimates
 from roadstate.run.scan import scan
 
 _BUDGET = 512 * 2**20
@@ -30,7 +30,7 @@ def _scan_chunks(
     """``count`` steps through a chunk of each log of a group: the single log's loop under ``vmap``."""
 
     def one(own: Any, state: Any, values: Any, steps: Any) -> tuple[Any, Row]:
-        return scan_steps(eqx.combine(own, static), layout, state, values, steps, count)
+        return scan_steps(eqx.combine(own, static), layout, state, values, steps, count, kept)
 
     return jax.vmap(one)(params, states, samples, dt)
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, NamedTuple
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple, TypeVar
 
 import equinox as eqx
 import jax
@@ -14,9 +14,11 @@ from numpy.typing import NDArray
 
 from roadstate import __version__
 from roadstate.core import Estimates, Log
-from roadstate.core.gaussian import Gate, Reason
+from roadstate.core.gaussian import Gate, Info, Reason
 from roadstate.core.packing import Layout
 from roadstate.estimators.base import Estimate, Estimator
+
+R = TypeVar("R")
 
 CHUNK = 2048
 """Samples a compiled loop takes at once: any log runs through this one program, padded at its end.
@@ -39,9 +41,14 @@ class Row(NamedTuple):
 def advance(estimator: Estimator[Any], state: Any, sample: Mapping[str, Any], dt: Any) -> tuple[Any, Row]:
     """One step, and what to keep of it."""
     state, info = estimator.step(state, sample, dt)
+    return state, kept(estimator, state, info)
+
+
+def kept(estimator: Estimator[Any], state: Any, info: Info) -> Row:
+    """What a step leaves behind."""
     nis = jnp.where(info.reason == Reason.OK, info.nis, jnp.nan)
     spread = jnp.sqrt(jnp.diagonal(info.S))
-    return state, Row(estimator.estimate(state), info.innovation, spread, nis, info.gate)
+    return Row(estimator.estimate(state), info.innovation, spread, nis, info.gate)
 
 
 @eqx.filter_jit
@@ -59,14 +66,19 @@ def scan_steps(
     samples: Float[Array, "k c"],
     dt: Float[Array, " k"],
     count: Int[Array, ""] | int,
-) -> tuple[dict[str, Array], Row]:
-    """``count`` steps through a chunk: the packed state after them, and their rows, zero beyond ``count``."""
+    keep: Callable[[Estimator[Any], Any, Info], R],
+) -> tuple[dict[str, Array], R]:
+    """``count`` steps through a chunk: the packed state after them, and of each what is to be kept.
 
-    def step(state: Any, i: Any) -> tuple[Any, Row]:
+    Rows beyond ``count`` are zero.
+    """
+
+    def step(state: Any, i: Any) -> tuple[Any, R]:
         sample = {c: samples[i, column] for column, c in enumerate(estimator.channels)}
-        return advance(estimator, state, sample, dt[i])
+        state, info = estimator.step(state, sample, dt[i])
+        return state, keep(estimator, state, info)
 
-    def body(i: Any, work: tuple[Any, Row]) -> tuple[Any, Row]:
+    def body(i: Any, work: tuple[Any, R]) -> tuple[Any, R]:
         state, row = step(work[0], i)
         put = jax.lax.dynamic_update_index_in_dim
         return state, jax.tree.map(lambda rows, new: put(rows, new, i, axis=0), work[1], row)

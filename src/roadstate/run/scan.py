@@ -12,7 +12,7 @@ import numpy as np
 from roadstate.core import Estimates, Log
 from roadstate.core.numerics import jit_loop
 from roadstate.estimators.base import Estimator
-from roadstate.run.chunk import CHUNK, Row, cut, inputs, scan_steps, start, to_estimates
+from roadstate.run.chunk import CHUNK, Row, cut, inputs, kept, scan_steps, start, to_estimates
 
 _scan_chunk = jit_loop(scan_steps)
 
@@ -37,7 +37,7 @@ def scan(
     for begin in range(0, total, CHUNK):
         values, steps = (jnp.asarray(a) for a in cut(samples, dt, begin))
         count = min(CHUNK, total - begin)
-        state, rows = _scan_chunk(estimator, layout, state, values, steps, jnp.asarray(count))
+        state, rows = _scan_chunk(estimator, layout, state, values, steps, jnp.asarray(count), kept)
         parts.append(jax.tree.map(lambda leaf, count=count: np.asarray(leaf)[:count], rows))
         if progress is not None:
             progress(min(begin + CHUNK, total), total)
