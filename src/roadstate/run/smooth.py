@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, NamedTuple, cast
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -198,8 +199,9 @@ def _smooth_chunk(
     return ahead, told, (layouts["row"], layouts["estimate"])
 
 
+@eqx.filter_jit
 def _beyond(estimator: Estimator[Any], layout: Layout, state: Any) -> _Ahead:
-    """In place of a sample after the last."""
+    """In place of a sample after the last. Compiled, for what it costs is to trace a step, once."""
     where = smoothable(estimator)
 
     def shapes(packed: Any) -> _Ahead:
