@@ -66,6 +66,13 @@ def test_solve_lower(n: int) -> None:
 
 
 @pytest.mark.parametrize("n", SIZES)
+def test_solve_upper(n: int) -> None:
+    L, B = np.tril(random(5, n, n)) + 3 * np.eye(n), random(5, n, 4)
+    found = jax.jit(dense.solve_upper)(L, B)
+    np.testing.assert_allclose(found, np.linalg.solve(np.swapaxes(L, -1, -2), B), rtol=1e-10, atol=1e-12)
+
+
+@pytest.mark.parametrize("n", SIZES)
 def test_solve(n: int) -> None:
     A, B = random(5, n, n), random(5, n, 3)
     A[0, 0, 0] = 0.0 if n > 1 else 1.0  # a pivot that wants an exchange

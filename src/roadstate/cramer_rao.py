@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple, cast
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from roadstate.core.numerics import jit_loop
+from roadstate.dense import solve_lower
 from roadstate.filters.weighted import masked
 from roadstate.linalg import correct, product, tria
 from roadstate.statespace import StateSpaceModel
@@ -68,7 +69,7 @@ def cramer_rao_bound(
     return CramerRaoBound(cast(Array, _bound(model, truth, inputs, jnp.asarray(dt), there)))
 
 
-@eqx.filter_jit
+@jit_loop
 def _bound(model: StateSpaceModel, truth: Array, inputs: Any, dt: Array, present: Array) -> Any:
     def step(S: Array, row: Any) -> tuple[Array, Array]:
         before, now, u, step_dt, used = row
@@ -89,7 +90,7 @@ def _bound(model: StateSpaceModel, truth: Array, inputs: Any, dt: Array, present
 
 def _whiten(L: Float[Array, "m m"], rows: Float[Array, "M m n"]) -> Float[Array, "M m n"]:
     """L⁻¹ of each of M sets of rows."""
-    return jax.vmap(lambda r: jnp.asarray(jax.scipy.linalg.solve_triangular(L, r, lower=True)))(rows)
+    return jax.vmap(lambda r: solve_lower(L, r))(rows)
 
 
 def _whiten_within(root: Float[Array, "n q"], rows: Float[Array, "M n k"]) -> Float[Array, "M r k"]:

@@ -90,6 +90,12 @@ def solve_lower(L: Float[Array, "... m m"], B: Float[Array, "... m k"]) -> Float
     return _over_rows(L.shape[-1], substitute, B)
 
 
+def solve_upper(L: Float[Array, "... m m"], B: Float[Array, "... m k"]) -> Float[Array, "... m k"]:
+    """L⁻ᵀ B for a lower-triangular L: with rows and columns in reverse, Lᵀ is lower-triangular."""
+    reverse = jnp.flip(jnp.swapaxes(L, -1, -2), axis=(-2, -1))
+    return jnp.flip(solve_lower(reverse, jnp.flip(B, axis=-2)), axis=-2)
+
+
 def solve(A: Float[Array, "... n n"], B: Float[Array, "... n k"]) -> Float[Array, "... n k"]:
     """A⁻¹ B, by Gauss and Jordan's elimination with row exchanges (§3.4); not finite where A is singular."""
     n = A.shape[-1]

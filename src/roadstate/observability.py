@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, cast
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 from numpy.typing import NDArray
 
+from roadstate.core.numerics import jit_loop
 from roadstate.filters.weighted import masked
 from roadstate.linalg import solve_lower
 from roadstate.statespace import StateSpaceModel
@@ -68,7 +68,7 @@ def empirical_gramian(
     return cast(Array, _gramians(model, log, factor, starts, length))
 
 
-@eqx.filter_jit
+@jit_loop
 def _gramians(model: StateSpaceModel, log: Any, factor: Array, starts: Array, length: int) -> Any:
     def one(start: Array) -> Array:
         states, *rest = jax.tree.map(lambda a: jax.lax.dynamic_slice_in_dim(a, start, length), log)

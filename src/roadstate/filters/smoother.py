@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple, cast
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.scipy.linalg import solve_triangular
 from jaxtyping import Array, Float, Int
 
 from roadstate.core.gaussian import Gaussian, Info
+from roadstate.core.numerics import jit_loop
+from roadstate.dense import solve_upper
 from roadstate.filters.base import Filter, FilterState, GaussianFilter, Moved
 from roadstate.linalg import product, tria
 from roadstate.statespace import StateSpaceModel
@@ -71,7 +71,7 @@ def smooth(
     return cast(Smoothed, _smooth(model, filter, inputs, measurements, dt))
 
 
-@eqx.filter_jit
+@jit_loop
 def _smooth(model: StateSpaceModel, filter: GaussianFilter, inputs: Any, measurements: Any, dt: Any) -> Any:
     def forth(state: Any, row: Any) -> Any:
         u, z, step = row
@@ -164,7 +164,7 @@ def look_back(now: Gaussian, moved: Moved, later: Gaussian) -> Gaussian:
     # a zero pivot has a column of zeros: any number will do on the diagonal
     pivots = jnp.diagonal(upper)
     upper = upper + jnp.diag(jnp.where(pivots > 0, 0, 1).astype(pivots.dtype))
-    gain = jnp.asarray(solve_triangular(upper, lower.T, lower=True, trans=1)).T
+    gain = solve_upper(upper, lower.T).T
     mean = now.mean + product(gain, (later.mean - moved.mean)[:, None])[:, 0]
     return Gaussian(mean, tria(jnp.concatenate([rest, product(gain, later.factor)], axis=1)))
 
