@@ -43,12 +43,12 @@ _DRIFT = 0.1**2 / 300.0  # 1/m: variance of ln μ that is added by driving on
 _SIDESLIP = 0.1  # rad: 1σ of the rear axle's slip angle
 _ERROR = (0.008, 0.015)  # 1σ of a force over load measured, and share of it
 _ANGLE_ERROR = 0.002  # rad: 1σ of a slip angle, besides what v_y and the steering's bias do to it
-_ERROR_TIME = 0.15  # s: how long these errors last
+_ERROR_TIME = 0.05  # s: how long these errors last
 _SLIP_OFFSET = 0.003  # 1σ of a slip, of radii that differ
 _SLIP_ASIDE = 0.4  # 1σ of a slip, as a share of the slip angle: where a wheel heads is known that well
 _SLIP_TIME = (0.1, 1.0)  # s: how long errors of a slip last, its own and those that come from the speed
 _SLIP_KNOWN = 0.02  # 1σ of a slip up to which the curve is a line over its width
-_ANEW = (0.1, 0.5, 5.0)  # change of a force over load that tells anew, seen over s; else it does after s
+_ANEW = (0.06, 0.5, 12.0)  # change of a force over load that tells anew, seen over s; else it does after s
 # in series with the tire: shares of what the front axle is softer than the rear one, and of the rear one
 _GIVES = (0.5, 0.03)
 _LEAST_STEP = 1e-3
