@@ -117,7 +117,8 @@ def test_a_swapped_sign_is_named_and_put_right(run: Run, bends: Log, clean: Esti
     end = TIME > 17.0
     assert all(np.isfinite(v).all() for v in said.values.values())
     for quantity, near in (("grade", 0.02), ("velocity_y", 0.3), ("speed", 0.2)):
-        np.testing.assert_allclose(said.values[quantity][end], clean.values[quantity][end], atol=near)
+        apart = np.abs(said.values[quantity] - clean.values[quantity])[end]
+        assert (apart < np.maximum(near, 2 * said.std[quantity][end])).all(), quantity
 
 
 @pytest.mark.parametrize("mirrored", [("left", "right"), BENDS])
