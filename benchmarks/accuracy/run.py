@@ -198,7 +198,8 @@ def _estimate(
             group.add(runs)
         if smooth is not None and variant == SATELLITE and built[0].smoothable and "grade" in gives:
             tell(f"{name}, smoothed")
-            smoothed = [smooth(estimator, log) for estimator, log in zip(built, cut, strict=True)]
+            with ThreadPoolExecutor() as pool:
+                smoothed = list(pool.map(smooth, built, cut))
             for group in (g for g in asking if (drive, BUS) in g.drives):
                 group.add(Runs(vehicle, drive, SMOOTHED, name, cut, cars, smoothed))
     return notes

@@ -312,7 +312,9 @@ class FrictionBank(eqx.Module):
         before = jnp.sum(jnp.where(is_there, total, 0.0), axis=-1) - here
         inside = jnp.clip((wanted - before) / jnp.maximum(here, 1e-30), 0.0, 1.0)
         grid = jnp.log(self.friction)
-        return jnp.exp(grid[0] + (grid[1] - grid[0]) * (place + inside - 0.5)) @ jnp.asarray(_MEANS.T)
+        return jnp.exp(grid[0] + (grid[1] - grid[0]) * (place + inside - 0.5)) @ jnp.asarray(
+            _MEANS.T, p.dtype
+        )
 
     def std(self, state: BankState) -> Float[Array, " 5"]:
         """1σ of μ in each of :data:`VIEWS`, the grid's own width included."""
@@ -320,4 +322,6 @@ class FrictionBank(eqx.Module):
         p = p / jnp.sum(p, axis=1, keepdims=True)
         mean = jnp.sum(p * self.friction, axis=1, keepdims=True)
         width = self.friction * float(np.log(_LARGEST / _LEAST) / (_COUNT - 1)) / 12**0.5
-        return jnp.asarray(_MEANS) @ root(jnp.sum(p * ((self.friction - mean) ** 2 + width**2), axis=1))
+        return jnp.asarray(_MEANS, p.dtype) @ root(
+            jnp.sum(p * ((self.friction - mean) ** 2 + width**2), axis=1)
+        )

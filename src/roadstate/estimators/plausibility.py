@@ -44,7 +44,7 @@ _WHEELS = TELLINGS.index("wheels_accel")
 _ROWS = tuple(TELLINGS.index(name) for name in ("accel_x", "accel_y", "yaw_rate", "steer"))
 _IS_WHEEL = np.array([name.startswith("wheel_") for name in TELLINGS])
 # of each telling the row of :data:`~roadstate.estimators.intake.ROWS`; 8 for all wheels, 9 for none of these
-_SOURCE = np.array([ACCEL_X, 8, 9, YAW_RATE, 9, 9, ACCEL_Y, STEER, *range(SPIN.start, SPIN.stop), 9])
+_SOURCE = (ACCEL_X, 8, 9, YAW_RATE, 9, 9, ACCEL_Y, STEER, *range(SPIN.start, SPIN.stop), 9)
 _CALLED = {
     "wheels_accel": "wheel speeds",
     "torque": "torques",
@@ -219,7 +219,7 @@ class Plausibility(eqx.Module):
         value = jnp.where(there, value, 0.0)
         smooth = state.smooth - jnp.where(begins, -1.0, jnp.expm1(-dt / _SMOOTHING)) * (value - state.smooth)
         y = smooth + jnp.where(np.arange(_COUNT) == _WHEELS, state.slope, 0.0)
-        moves = jnp.asarray(DELAY) * (value - smooth) / _SMOOTHING
+        moves = jnp.asarray(DELAY, value.dtype) * (value - smooth) / _SMOOTHING
         variance = jnp.where(there, std, 0.0) ** 2 + moves**2
         ready = there & (since > _SETTLED)
         felt, apart, few = inner_mean(y[::2][:2], ready[::2][:2])
@@ -237,7 +237,7 @@ class Plausibility(eqx.Module):
         steep = np.where(np.arange(_COUNT) == _WHEELS, _GRADE, 0.0)
         right = 0.5 * (y - reference) ** 2 / (total + steep**2)
         wrong = 0.5 * (y + reference) ** 2 / total
-        told_by = ready & (count >= jnp.asarray(_JURY))
+        told_by = ready & (count >= _JURY.astype(count.dtype))
         judged = ready & (count >= 2) & told.answers
         ratio = jnp.where(reference**2 > total, right - wrong, 0.0)  # small offsets must not add up
         over, under = jnp.where(reference > 0, ratio, 0.0), jnp.where(reference < 0, ratio, 0.0)
@@ -247,9 +247,8 @@ class Plausibility(eqx.Module):
         evidence = jnp.where(told_by, jnp.clip(evidence, -_MOST, _MOST), 0.0) * (dt / _LASTING)
         lies = jnp.where(judged, evidence[2], -_FORGETS * dt)
         lies = jnp.where(told.impossible, _MOST * dt / _LASTING, lies)
-        repeats = jnp.append(frozen, jnp.stack([jnp.all(frozen[SPIN]), jnp.zeros((), bool)]))[
-            jnp.asarray(_SOURCE)
-        ]
+        repeats = jnp.append(frozen, jnp.stack([jnp.all(frozen[SPIN]), jnp.zeros((), bool)]))
+        repeats = jnp.stack([repeats[source] for source in _SOURCE])
         evidence = evidence.at[2].set(jnp.where(repeats, jnp.maximum(lies, 0.0), lies))
         least = jnp.asarray([-_TRUST * _SWAPPED, -_TRUST * _SWAPPED, 0.0, 0.0])[:, None]
         most = jnp.asarray([(_ONE_SIDED + 1) * _SWAPPED] * 2 + [2 * _LIES] * 2)[:, None]
