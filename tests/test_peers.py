@@ -62,12 +62,13 @@ def test_batch_and_stream_are_the_reference(name: str) -> None:
     """The first log of a batch is the problem's own; the others are not."""
     batch = ours.batch(_problem(name).first(30), logs=3)
     assert _difference(name, batch) < _CLOSE
-    (every,) = batch.call()
-    assert np.abs(every[1] - every[0]).max() > 1e-3
+    first, second, _ = batch.call()
+    assert np.abs(second - first).max() > 1e-3
     shared = ours.batch(_problem(name).first(30), logs=4, threads=2)
-    alone, together = (np.concatenate(shared.call()) for _ in range(2))
-    np.testing.assert_array_equal(together, alone)
-    np.testing.assert_allclose(together[:3], every, rtol=0, atol=1e-9)
+    for _ in range(2):
+        together = shared.call()
+        assert len(together) == 4
+        np.testing.assert_array_equal(together[:2], [first, second])
     stream = ours.stream(_problem(name).first(30))
     assert _difference(name, stream) < _CLOSE
     assert stream.latencies is not None
