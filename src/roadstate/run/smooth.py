@@ -20,7 +20,7 @@ from roadstate.estimators import all_estimators
 from roadstate.estimators.base import Estimator, Smoothable
 from roadstate.filters.base import FilterState, Moved
 from roadstate.filters.smoother import Recorded, Recorder, look_back
-from roadstate.run.chunk import Row, advance, cut, inputs, start, to_estimates
+from roadstate.run.chunk import Row, advance, cut, inputs, scan_steps, start, to_estimates
 
 _CHUNK = 512
 """Samples whose states are held at once. Of the rest only one in so many is kept, and filtered anew from
@@ -101,7 +101,9 @@ def smooth(
     chunks = [cut(samples, dt, begin, _CHUNK) for begin in begins]
     states = [state]
     for i, chunk in enumerate(chunks[:-1]):
-        states.append(_forth(estimator, layout, states[-1], *map(jnp.asarray, chunk)))
+        values, steps = map(jnp.asarray, chunk)
+        state_after, _ = _forth(estimator, layout, states[-1], values, steps, jnp.asarray(_CHUNK), _nothing)
+        states.append(state_after)
         tell(i + 1)
     ahead = _beyond(estimator, layout, state)
     parts: list[Any] = []
@@ -139,21 +141,8 @@ def _samples(estimator: Estimator[Any], values: Float[Array, " c"]) -> dict[str,
     return {c: values[i] for i, c in enumerate(estimator.channels)}
 
 
-def _filter_chunk(
-    estimator: Estimator[Any],
-    layout: Layout,
-    state: Any,
-    samples: Float[Array, "k c"],
-    dt: Float[Array, " k"],
-) -> Any:
-    """The packed state after a chunk."""
-
-    def body(packed: Any, row: Any) -> tuple[Any, None]:
-        values, step = row
-        new, _ = estimator.step(layout.unpack(packed), _samples(estimator, values), step)
-        return layout.pack(new), None
-
-    return jax.lax.scan(body, state, (samples, dt))[0]
+def _nothing(estimator: Estimator[Any], state: Any, info: Any) -> None:
+    """What the way forth keeps of a step: its state after a chunk is all."""
 
 
 def _smooth_chunk(
@@ -214,4 +203,4 @@ def _beyond(estimator: Estimator[Any], layout: Layout, state: Any) -> _Ahead:
     return empty
 
 
-_forth, _back = jit_loop(_filter_chunk), jit_loop(_smooth_chunk)
+_forth, _back = jit_loop(scan_steps), jit_loop(_smooth_chunk)
