@@ -16,11 +16,9 @@ import pytest
 
 from contracts.plausible import GRADE, mirrored, plausible_log, reflected
 from roadstate.core import CHANNELS, QUANTITIES, Estimates, InputError, Log, Validity, is_bound
-from roadstate.core.kernel import one_kernel
 from roadstate.estimators import Estimator, all_estimators, build, runnable
 from roadstate.io.plausible import limit_of
 from roadstate.run import Stream, scan
-from roadstate.run.chunk import inputs, kept, scan_steps, start
 from roadstate.vehicles import Vehicle, load_vehicle
 
 NAN = np.nan
@@ -315,20 +313,6 @@ def test_one_program_runs_every_log_and_every_car(
 def test_the_counter_of_compilations_counts(compilations: list[str]) -> None:
     jax.jit(lambda x: x * 12345.678)(jnp.zeros(3))
     assert any(message.startswith("Compiling") for message in compilations)
-
-
-@pytest.mark.skipif(jax.default_backend() != "cpu", reason="kernels are joined on a CPU only")
-@all_channels
-def test_a_scan_is_one_kernel(case: Case) -> None:
-    packed, layout = start(case.estimator)
-    samples, dt = inputs(case.estimator, case.log)
-    params, static = eqx.partition(case.estimator, eqx.is_array)
-
-    def run(params: Any, state: Any, samples: Any, dt: Any) -> Any:
-        return scan_steps(eqx.combine(params, static), layout, state, samples, dt, len(dt), kept)
-
-    program = jax.jit(one_kernel(run)).lower(params, packed, samples, dt)
-    assert "xla_cpu_small_call" in program.as_text()
 
 
 @all_channels

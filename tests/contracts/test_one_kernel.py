@@ -1,0 +1,34 @@
+"""Every estimator's scan is one kernel: nothing in its step calls a library."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import pytest
+
+from contracts.plausible import plausible_log
+from roadstate.core import CHANNELS
+from roadstate.core.kernel import one_kernel
+from roadstate.estimators import all_estimators, build
+from roadstate.run.chunk import inputs, kept, scan_steps, start
+from roadstate.vehicles import load_vehicle
+
+MEASURED = [n for n, c in CHANNELS.items() if not c.is_reference and n != "time"]
+
+
+@pytest.mark.skipif(jax.default_backend() != "cpu", reason="kernels are joined on a CPU only")
+@pytest.mark.parametrize("name", all_estimators())
+def test_a_scan_is_one_kernel(name: str) -> None:
+    vehicle = load_vehicle("family-car")
+    estimator = build(name, vehicle, MEASURED)
+    packed, layout = start(estimator)
+    samples, dt = inputs(estimator, plausible_log(vehicle, 50))
+    params, static = eqx.partition(estimator, eqx.is_array)
+
+    def run(params: Any, state: Any, samples: Any, dt: Any) -> Any:
+        return scan_steps(eqx.combine(params, static), layout, state, samples, dt, len(dt), kept)
+
+    program = jax.jit(one_kernel(run)).lower(params, packed, samples, dt)
+    assert "xla_cpu_small_call" in program.as_text()
