@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from roadstate.estimators.joint import Joint, JointState
 
 _LEAD_ERROR = 0.7  # 1σ of what is added to undo the low pass, as a share of it
+_LEAD_NOISE = 0.015  # of the load: what torques' noise adds to it along the wheels
 _LATE = 0.01  # s: age of inertial signals, and what the body's roll adds to it
 
 
@@ -51,13 +52,16 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
         tell("mass", joint.forces.car.mass * scale, joint.forces.car.mass * scale_std)
     if "altitude" in joint.along.states:
         tell("altitude", mean[-2], std[-2])
-    axles = forces.load.reshape(2, 2).sum(axis=1)
+    axles = _by_axle(forces.load)
     side, side_std = joint.bank.merged(state.bank)
     # ahead by as much as low pass, sensors and the body's roll lag, and freed of the accelerometer's bias
     # and place
     ahead = (1 + _LATE / SMOOTHING) * (forces.across - state.contact.across * axles)
     lateral = forces.across + ahead - (side[BIAS_Y] + side[LEVER] * forces.yaw_accel) / GRAVITY * axles
-    used, used_std = _used(forces, lateral, ahead, side_std[BIAS_Y])
+    sooner = (1 + _LATE / SMOOTHING) * _by_axle(forces.along - state.contact.along * forces.load)
+    sooner = sooner**3 / (sooner**2 + (_LEAD_NOISE * axles) ** 2)
+    straight = _by_axle(forces.along) + sooner
+    used, used_std = _used(forces, straight, lateral, jnp.stack([sooner, ahead]), side_std[BIAS_Y])
     ages = state.signals.age
     silent = jnp.minimum(ages[ACCEL_X], 10.0) + jnp.minimum(ages[ACCEL_Y], 3.0)
     tell("friction_used", used, jnp.hypot(used_std, 0.1 * silent))
@@ -67,8 +71,9 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
         tell("bank", bank, side_std[BANK] / (GRAVITY * jnp.cos(bank)))
     for i, where in enumerate(("front", "rear")):
         load = forces.load[2 * i] + forces.load[2 * i + 1]
-        along = forces.along[2 * i] + forces.along[2 * i + 1]
+        along = straight[i]
         rough = jnp.hypot(scale_std * along, 0.02 * load)
+        rough = jnp.hypot(rough, _LEAD_ERROR * sooner[i])
         unsure = 0.5 * (forces.along_std[2 * i] + forces.along_std[2 * i + 1])
         spread = jnp.where(jnp.isfinite(unsure), unsure, 1.0) * load
         tell(f"force_x_{where}", scale * along, jnp.hypot(rough, spread))
@@ -88,10 +93,16 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
     return Estimate(values, stds, state.validity, faults)
 
 
-def _used(forces: AxleForces, lateral: Array, ahead: Array, bias_std: Array) -> tuple[Array, Array]:
+def _by_axle(wheels: Array) -> Array:
+    return wheels.reshape(2, 2).sum(axis=1)
+
+
+def _used(
+    forces: AxleForces, along: Array, lateral: Array, ahead: Array, bias_std: Array
+) -> tuple[Array, Array]:
     """Friction used by the whole car, and 1σ."""
-    along, across = jnp.sum(forces.along), jnp.sum(lateral)
+    straight, across = jnp.sum(along), jnp.sum(lateral)
     load = jnp.sum(forces.load)
-    used = root(along**2 + across**2) / load
-    unsure = jnp.hypot(bias_std / GRAVITY, _LEAD_ERROR * jnp.sum(ahead) / load)
+    used = root(straight**2 + across**2) / load
+    unsure = jnp.hypot(bias_std / GRAVITY, _LEAD_ERROR * jnp.max(jnp.abs(jnp.sum(ahead, axis=1))) / load)
     return used, jnp.sqrt(0.01**2 + (0.02 * used) ** 2 + unsure**2)

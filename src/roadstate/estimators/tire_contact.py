@@ -37,12 +37,14 @@ class ContactState(NamedTuple):
 
     Attributes:
         angle, across: (2,) the axles' slip angles but for v_y, and their F_y/F_z, both slowed.
+        along: (4,) F_x/F_z of the wheels, slowed.
         racing: (4,) m/s² by which wheels outran the car lately.
         together: s for which all wheels have agreed on a speed and its change.
     """
 
     angle: Float[Array, " 2"]
     across: Float[Array, " 2"]
+    along: Float[Array, " 4"]
     racing: Float[Array, " 4"]
     together: Float[Array, ""]
 
@@ -77,7 +79,7 @@ class TireContact(eqx.Module):
 
     def init(self) -> ContactState:
         """Straight ahead and rolling."""
-        return ContactState(jnp.zeros(2), jnp.zeros(2), jnp.zeros(4), jnp.zeros(()))
+        return ContactState(jnp.zeros(2), jnp.zeros(2), jnp.zeros(4), jnp.zeros(4), jnp.zeros(()))
 
     def rims(
         self,
@@ -167,12 +169,14 @@ class TireContact(eqx.Module):
         across = forces.across / axles
         now = steer - self.places * seen.smooth[YAW_RATE] / moving
         lag = self.relaxation / moving + _YIELDS
+        along = forces.along / load
         across_rate = (across - state.across) / SMOOTHING
-        slower = state.across - jnp.expm1(-dt / SMOOTHING) * (across - state.across)
+        along_rate = (along - state.along) / SMOOTHING
+        keep = -jnp.expm1(-dt / SMOOTHING)
+        slower = state.across + keep * (across - state.across), state.along + keep * (along - state.along)
         angle = state.angle - jnp.expm1(-dt / jnp.maximum(lag, 1e-3)) * (now - state.angle)
         radius = self.radius
         turn = steered_cosines(jnp.cos(seen.smooth[STEER]))
-        along = forces.along / load
         # as late as the wheels' speeds are
         late = speed - (SMOOTHING + _WHEEL_DELAY) * accel
         ground = (late - self.half_track * seen.smooth[YAW_RATE]) / turn
@@ -198,8 +202,8 @@ class TireContact(eqx.Module):
             slip_std=jnp.full_like(speed, _SLIP_ERROR),
             slip_shared=jnp.hypot(spread / moving, _SHARED_SLIP * least),
             across_std=jnp.hypot(forces.across_std, _LAG_ERROR * across_rate) + steered,
-            along_std=forces.along_std + unknown,
+            along_std=jnp.hypot(forces.along_std, _LAG_ERROR * along_rate) + unknown,
             transfer=transfer,
             lag=lag + SMOOTHING,
         )
-        return state._replace(angle=angle, across=slower), touch
+        return state._replace(angle=angle, across=slower[0], along=slower[1]), touch
