@@ -42,6 +42,7 @@ _JUMP = 1 / 400.0  # 1/m: how often the road's friction changes altogether
 _DRIFT = 0.1**2 / 300.0  # 1/m: variance of ln μ that is added by driving on
 _SIDESLIP = 0.1  # rad: 1σ of the rear axle's slip angle
 _ERROR = (0.008, 0.015)  # 1σ of a force over load measured, and share of it
+_SHARE = 0.05  # 1σ of a wheel's share of the force, as a share of it, where nothing but that tells
 _ANGLE_ERROR = 0.002  # rad: 1σ of a slip angle, besides what v_y and the steering's bias do to it
 _ERROR_TIME = 0.05  # s: how long these errors last
 _SLIP_OFFSET = 0.003  # 1σ of a slip, of radii that differ
@@ -228,11 +229,14 @@ class FrictionBank(eqx.Module):
             slips = jnp.sqrt(touch.slip_std**2 + touch.slip_shared**2 + (_SLIP_ASIDE * angle) ** 2)
             floor = touch.along_std[pair, None] ** 2 + _ERROR[0] ** 2 + (_ERROR[1] * measured) ** 2
             noise = floor + (by_error * slips) ** 2
-            # a curve is no line over the width of a slip that is hardly known, unless the tire surely slides
+            # a curve is no line over the width of a slip that is hardly known, unless the tire surely slides;
+            # but no tire bears more than the friction, whatever its slip
             sure = jnp.maximum(_SLIP_KNOWN, jnp.abs(touch.slip[pair, None]) / 3) > touch.slip_shared
-            known = jnp.isfinite(floor) & (jnp.abs(touch.speed) > 0.5 * SLOWEST) & sure
-            noise = jnp.where(known, noise, 1e12)
-            innovation = jnp.where(known, measured - here.along, 0.0)
+            beyond = jnp.sign(measured) * jnp.maximum(jnp.abs(measured) - self.friction, 0.0)
+            known = jnp.isfinite(floor) & (jnp.abs(touch.speed) > 0.5 * SLOWEST)
+            noise = jnp.where(known, jnp.where(sure, noise, floor + (_SHARE * measured) ** 2), 1e12)
+            row = jnp.where(sure[:, None], row, 0.0)
+            innovation = jnp.where(known, jnp.where(sure, measured - here.along, beyond), 0.0)
             i = slice(2 + 2 * axle, 4 + 2 * axle)
             y, Y, likelihood = learn(y, Y, row, innovation, noise, takes[i, None])
             along_evidence.append(jnp.where(known, likelihood, 0.0))
