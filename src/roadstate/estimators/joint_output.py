@@ -14,6 +14,7 @@ from roadstate.estimators.contact_forces import AxleForces
 from roadstate.estimators.friction_bank import VIEWS
 from roadstate.estimators.intake import ACCEL_X, ACCEL_Y, SMOOTHING
 from roadstate.estimators.sideways import BANK, BIAS_Y, LEVER, V_Y
+from roadstate.estimators.signals import STANDSTILL_SPEED
 from roadstate.linalg import root
 
 if TYPE_CHECKING:
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 
 _LEAD_ERROR = 0.7  # 1σ of what is added to undo the low pass, as a share of it
 _LEAD_NOISE = 0.015  # of the load: what torques' noise adds to it along the wheels
+_PARKED = 0.08  # of the load: with what brakes hold the axles of a car that stands against each other
 _LATE = 0.01  # s: age of inertial signals, and what the body's roll adds to it
 
 
@@ -74,6 +76,7 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
         along = straight[i]
         rough = jnp.hypot(scale_std * along, 0.02 * load)
         rough = jnp.hypot(rough, _LEAD_ERROR * sooner[i])
+        rough = jnp.hypot(rough, _PARKED * load * jnp.exp(-((mean[SPEED] / STANDSTILL_SPEED) ** 2)))
         unsure = 0.5 * (forces.along_std[2 * i] + forces.along_std[2 * i + 1])
         spread = jnp.where(jnp.isfinite(unsure), unsure, 1.0) * load
         tell(f"force_x_{where}", scale * along, jnp.hypot(rough, spread))

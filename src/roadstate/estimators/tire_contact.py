@@ -25,8 +25,14 @@ _SHARED_SLIP = 2.0  # 1σ of the slip that all wheels share, as a share of what 
 _RUNAWAY = (0.4, 3.0)  # m/s by which a wheel may leave the rest, and 1σ over what is beyond
 _RACING = (5.0, 1.8, 0.5)  # m/s² by which a wheel, and all, may outrun the car, and s of mistrust then
 _TOGETHER = (0.03, 0.3, 1.5)  # share of the speed and m/s within which wheels agree, and s to believe them
-_DEAD_BAND = (0.7, 0.25)  # m/s: a slower wheel may read anything down to zero, with this 1σ
+_DEAD_BAND = (
+    0.7,
+    0.25,
+    0.1,
+)  # m/s: a slower wheel may read anything down to zero, with this 1σ, for so long, s
 _WHEEL_DELAY = 0.01  # s: age of a wheel's speed when it comes
+_TOOTH = (0.04, 0.12)  # m from tooth to tooth, one of which a speed is late besides, and s at the most
+_LATE_ERROR = 0.5  # 1σ of that lateness, as a share of it
 _YIELDS = 0.025  # s: lag of the force behind the angle that suspension and steering add to the tire's
 _LAG_ERROR = 0.015  # s: 1σ of that lag
 _LEAST_STEP = 1e-3  # s
@@ -115,7 +121,8 @@ class TireContact(eqx.Module):
         angle = jnp.where(seen.age[STEER] < STALE, jnp.clip(seen.value[STEER], -0.9, 0.9), 0.0)
         turn = steered_cosines(jnp.cos(angle))
         rolling = radius * seen.value[SPIN] / (1 + slip)
-        rim = rolling * turn + self.half_track * turning + _WHEEL_DELAY * accel
+        late = jnp.minimum(_TOOTH[0] / jnp.maximum(jnp.abs(speed), 1e-3), _TOOTH[1])
+        rim = rolling * turn + self.half_track * turning + (_WHEEL_DELAY + late) * accel
         away = jnp.abs(rim - speed - accel * dt)
         away = jnp.maximum(away - _RUNAWAY[0] - 2 * spread, 0.0)
         gains = radius * seen.rate[SPIN] * turn + self.half_track * seen.rate[YAW_RATE]
@@ -132,9 +139,10 @@ class TireContact(eqx.Module):
         together = jnp.where(agree, state.together + dt, 0.0)
         away = jnp.where(together > _TOGETHER[2], 0.0, away)
         lasting = (_SLIP_SHARE * slip * speed) ** 2 + (_RUNAWAY[1] * away) ** 2 + (_RACING[2] * racing) ** 2
-        slow = jnp.where(jnp.abs(rim) < _DEAD_BAND[0], _DEAD_BAND[1], 0.0)
+        lasting = lasting + (_LATE_ERROR * late * accel) ** 2
+        slow = jnp.where(jnp.abs(rolling) < _DEAD_BAND[0], _DEAD_BAND[1], 0.0)
         noise = self.noise
-        std = jnp.sqrt(noise**2 + lasting * _SLIP_TIME / step + slow**2)
+        std = jnp.sqrt(noise**2 + lasting * _SLIP_TIME / step + slow**2 * _DEAD_BAND[2] / step)
         return (
             state._replace(racing=racing, together=together),
             jnp.where(seen.is_fresh[SPIN], rim, jnp.nan),
