@@ -13,7 +13,7 @@ from roadstate.estimators.base import Estimate
 from roadstate.estimators.contact_forces import AxleForces
 from roadstate.estimators.friction_bank import VIEWS
 from roadstate.estimators.intake import ACCEL_X, ACCEL_Y, SMOOTHING
-from roadstate.estimators.sideways import BANK, BIAS_Y, LEVER, V_Y
+from roadstate.estimators.sideways import BANK, BIAS_Y, LEVER, SLOWEST, V_Y
 from roadstate.estimators.signals import STANDSTILL_SPEED
 from roadstate.linalg import root
 
@@ -44,7 +44,12 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
     forces = state.latest
     sine = jnp.clip(mean[SLOPE] / GRAVITY, -0.99, 0.99)
     grade = jnp.arcsin(sine)
-    tell("grade", grade, std[SLOPE] / (GRAVITY * jnp.cos(grade)))
+    side, side_std = joint.bank.merged(state.bank)
+    # in a long bend v_y r looks like a slope, and the lateral forces say how sharp the bend is
+    sway = (
+        side_std[V_Y] * jnp.mean(jnp.abs(state.bank.level[:2])) / jnp.maximum(jnp.abs(mean[SPEED]), SLOWEST)
+    )
+    tell("grade", grade, jnp.hypot(std[SLOPE] / GRAVITY, sway) / jnp.cos(grade))
     tell("speed", mean[SPEED], jnp.hypot(std[SPEED], joint.speed_scale * mean[SPEED]))
     tell("accel_x_bias", mean[BIAS], std[BIAS])
     scale, scale_std = jnp.ones(()), joint.mass_std
@@ -55,7 +60,6 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
     if "altitude" in joint.along.states:
         tell("altitude", mean[-2], std[-2])
     axles = _by_axle(forces.load)
-    side, side_std = joint.bank.merged(state.bank)
     # ahead by as much as low pass, sensors and the body's roll lag, and freed of the accelerometer's bias
     # and place
     ahead = (1 + _LATE / SMOOTHING) * (forces.across - state.contact.across * axles)
