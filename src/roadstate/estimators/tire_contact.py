@@ -122,6 +122,7 @@ class TireContact(eqx.Module):
         turn = steered_cosines(jnp.cos(angle))
         rolling = radius * seen.value[SPIN] / (1 + slip)
         late = jnp.minimum(_TOOTH[0] / jnp.maximum(jnp.abs(speed), 1e-3), _TOOTH[1])
+        late = jnp.where(jnp.abs(rolling) > 0, late, 0.0)
         rim = rolling * turn + self.half_track * turning + (_WHEEL_DELAY + late) * accel
         away = jnp.abs(rim - speed - accel * dt)
         away = jnp.maximum(away - _RUNAWAY[0] - 2 * spread, 0.0)
@@ -142,7 +143,7 @@ class TireContact(eqx.Module):
         lasting = lasting + (_LATE_ERROR * late * accel) ** 2
         slow = jnp.where(jnp.abs(rolling) < _DEAD_BAND[0], _DEAD_BAND[1], 0.0)
         noise = self.noise
-        std = jnp.sqrt(noise**2 + lasting * _SLIP_TIME / step + slow**2 * _DEAD_BAND[2] / step)
+        std = jnp.sqrt(noise**2 + lasting * _SLIP_TIME / step + slow**2 * jnp.maximum(_DEAD_BAND[2] / step, 1.0))
         return (
             state._replace(racing=racing, together=together),
             jnp.where(seen.is_fresh[SPIN], rim, jnp.nan),
