@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 
 from roadstate.core.gaussian import Gaussian
 from roadstate.estimators.contact import Contact
-from roadstate.linalg import root, tria
+from roadstate.linalg import once, root, tria
 from roadstate.statespace import StateSpaceModel
 from roadstate.tires import NormalizedDugoff
 from roadstate.tires.smooth import Numbers, safe_hypot
@@ -106,7 +106,7 @@ class FrictionModel(StateSpaceModel):
         v, vehicle = contact.velocity, self.vehicle
         steer = wheel_steer(contact.steer)
         slip, angle, load = self.forces_of(contact)
-        tire = vehicle.tire.forces(slip, angle, load, friction, v[0])
+        tire = once(vehicle.tire.forces(slip, angle, load, friction, v[0]))
         force, place = to_body(tire.F_x, tire.F_y, steer), vehicle.wheel_positions
         moment = place.x * force.y - place.y * force.x
         shares = jnp.stack([force.x / vehicle.mass, force.y / vehicle.mass, moment / vehicle.yaw_inertia])
@@ -199,23 +199,22 @@ class FrictionModel(StateSpaceModel):
         friction = self.friction(x)
         unit = jnp.ones_like(friction)
 
-        def read(error: Float[Array, " 7"]) -> Float[Array, "3 5"]:
-            off = error * contact.std
+        weights = jnp.append(friction if self.is_proportional else unit, 1.0)
+
+        def read(error: Float[Array, " 4"]) -> tuple[Float[Array, "3 5"], Float[Array, "3 5"]]:
+            off = error[:3] * contact.std[:3]
             moved = contact._replace(
                 velocity=contact.velocity.at[:2].add(off[:2]),
                 steer=contact.steer + off[2],
-                wheel_speed=contact.wheel_speed + off[3:],
+                wheel_speed=contact.wheel_speed + error[3] * contact.std[3:],
             )
-            return self.wheel_shares(unit if self.is_proportional else friction, moved)
+            shares = self.wheel_shares(unit if self.is_proportional else friction, moved)
+            return shares * weights, shares
 
-        shares, push = jax.linearize(read, jnp.zeros_like(contact.std))
-        weights = jnp.append(friction if self.is_proportional else unit, 1.0)
-
-        def change(direction: Float[Array, " 7"]) -> Float[Array, " 3"]:
-            return jnp.asarray(push(direction)) @ weights
-
-        changes = jax.vmap(change, out_axes=1)
-        return shares, changes(jnp.eye(7, dtype=shares.dtype))
+        # a wheel's speed moves nothing but its own share, so that all four need one direction only
+        _, push, shares = once(jax.linearize(read, jnp.zeros(4, contact.std.dtype), has_aux=True))
+        changes = once(jax.vmap(push)(jnp.eye(4, dtype=shares.dtype)))
+        return shares, jnp.concatenate([jnp.sum(changes[:3], axis=2).T, changes[3, :, :4]], axis=1)
 
     def _caused(self, x: Float[Array, " n"], u: FrictionInput) -> Float[Array, " 3"]:
         if u.shares is None:

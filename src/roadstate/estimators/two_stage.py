@@ -6,7 +6,6 @@ from collections.abc import Collection, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
@@ -33,7 +32,7 @@ from roadstate.estimators.signals import Held
 from roadstate.estimators.two_stage_settings import PRINTED, Settings, first_stage, second_stage
 from roadstate.estimators.velocity import STALE
 from roadstate.filters.base import Filter
-from roadstate.linalg import once, root
+from roadstate.linalg import once, product, root
 from roadstate.tires import TireModel
 from roadstate.vehicles import ThreeDofForces
 from roadstate.vehicles.kinematics import to_body, wheel_steer
@@ -199,7 +198,8 @@ class TwoStage(Estimator[TwoStageState]):
         meter, contact = self.meter.read(state.contact, sample, dt)
         contact = once(contact)
         before = self._wheel_friction(state)
-        moving, yaw_rate = self._moving(state, sample, contact, before, dt)
+        effects = once(self._effects(contact.steer))
+        moving, yaw_rate = self._moving(state, sample, contact, effects, before, dt)
         ahead, forces, direct, ok = self.forces.step(
             state.forces, contact, moving if self.takes_direct else None, before, dt
         )
@@ -211,7 +211,7 @@ class TwoStage(Estimator[TwoStageState]):
             sample[self.sensors[2]],
         ]
         known = ahead if self.takes_direct else forces
-        u, moved = once(self._input(contact, known, direct, before, dt))
+        u, moved = once(self._input(contact, effects, known, direct, before, dt))
         z = jnp.stack(rows) - moved
         z = jnp.where(moves & jnp.isfinite(z), z, jnp.nan)
         friction, info = self.filter.step(self.model, state.friction, u, z, dt)
@@ -254,6 +254,7 @@ class TwoStage(Estimator[TwoStageState]):
         state: TwoStageState,
         sample: Sample,
         contact: Contact,
+        effects: Float[Array, "3 8"],
         friction: Float[Array, " 4"],
         dt: Float[Array, ""],
     ) -> tuple[Moving, Held]:
@@ -263,7 +264,7 @@ class TwoStage(Estimator[TwoStageState]):
         """
         v, noise, step = contact.velocity, self.sensor_noise, jnp.maximum(dt, _LEAST_STEP)
         forces = jnp.concatenate([friction, friction]) * self.forces.forces(state.forces)
-        yaw_accel = jnp.sum(self._caused(forces, contact)[2])
+        yaw_accel = jnp.sum(effects[2] * forces)
         accel = noise[1] / jnp.sqrt(step)
         yaw_std = YAW_NOISE / jnp.sqrt(step)
         if self.sensors[2] == "yaw_accel":
@@ -278,12 +279,14 @@ class TwoStage(Estimator[TwoStageState]):
         std = jnp.stack([accel, jnp.hypot(accel, v[0] * spread), yaw_std])
         return Moving(jnp.stack(rate), std), yaw_rate
 
-    def _caused(self, F: Float[Array, " 8"], contact: Contact) -> Float[Array, "3 4"]:
-        """What each wheel's force does to a_x, a_y and ṙ."""
-        body, place = self.body, self.body.wheel_positions
-        force = to_body(F[:4], F[4:], wheel_steer(contact.steer))
-        moment = place.x * force.y - place.y * force.x
-        return jnp.stack([force.x / body.mass, force.y / body.mass, moment / body.yaw_inertia])
+    def _effects(self, steer: Float[Array, ""]) -> Float[Array, "3 8"]:
+        """What 1 N of each wheel's F_x, then of each wheel's F_y, does to a_x, a_y and ṙ."""
+        body, place, one = self.body, self.body.wheel_positions, jnp.ones(4)
+        angle = wheel_steer(steer)
+        along, across = to_body(one, 0 * one, angle), to_body(0 * one, one, angle)
+        x, y = jnp.concatenate([along.x, across.x]), jnp.concatenate([along.y, across.y])
+        moment = jnp.tile(place.x, 2) * y - jnp.tile(place.y, 2) * x
+        return jnp.stack([x / body.mass, y / body.mass, moment / body.yaw_inertia])
 
     def _wheel_friction(self, state: TwoStageState) -> Float[Array, " 4"]:
         return jnp.maximum(self.model.friction(self.filter.posterior(state.friction).mean), _LEAST_FRICTION)
@@ -291,6 +294,7 @@ class TwoStage(Estimator[TwoStageState]):
     def _input(
         self,
         contact: Contact,
+        effects: Float[Array, "3 8"],
         known: ForceState,
         direct: Direct,
         friction: Float[Array, " 4"],
@@ -311,7 +315,7 @@ class TwoStage(Estimator[TwoStageState]):
         """
 
         def caused(F: Float[Array, " 8"]) -> Float[Array, "3 4"]:
-            return self._caused(F, contact)
+            return effects[:, :4] * F[:4] + effects[:, 4:] * F[4:]
 
         body = self.body
         normalized = self.forces.forces(known)
@@ -327,7 +331,7 @@ class TwoStage(Estimator[TwoStageState]):
         twice = jnp.concatenate([friction, friction])
 
         def spread(columns: Float[Array, "8 k"]) -> Float[Array, " 3"]:
-            return jnp.sum(jnp.sum(jax.vmap(caused)((twice[:, None] * columns).T), axis=2) ** 2, axis=0)
+            return jnp.sum(product(effects * twice, columns) ** 2, axis=1)
 
         value = jnp.sum(per_friction * friction, axis=1)
         lasting = spread(direct.lasting)
@@ -340,6 +344,6 @@ class TwoStage(Estimator[TwoStageState]):
         white = jnp.sqrt(sensors**2 + jnp.where(is_rate, 0.0, spread(direct.white)))
         errors = 2 * (lasting * _ERROR_TIME + self.bias**2 * _BIAS_TIME) / step
         errors = jnp.where(is_rate, 0.0, doubt * errors + (doubt - 1) * white**2)
-        moved = jnp.sum(caused(twice * (direct.force - normalized)), axis=1)
+        moved = jnp.sum(effects * (twice * (direct.force - normalized)), axis=1)
         u = ForcesInput(shares, distance, white, root(errors), doubt < 2)
         return u, jnp.where(is_rate, 0.0, moved)
