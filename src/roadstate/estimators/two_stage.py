@@ -159,7 +159,7 @@ class TwoStage(Estimator[TwoStageState]):
             mean=leaf(chosen.mean),
             std=jnp.asarray([chosen.shared_std, chosen.own_std]),
             walk=jnp.asarray([chosen.shared_walk, chosen.own_walk]),
-            step_std=leaf(chosen.step_std),
+            step_std=jnp.asarray([0.0, chosen.step_std]),
         )
         body = ThreeDofForces.from_vehicle(vehicle)
         if as_printed:  # one track, no air
