@@ -26,14 +26,16 @@ from roadstate.estimators.force_filter import (
     Moving,
     from_channels,
 )
-from roadstate.estimators.friction_groups import ALL_WHEELS, mean_friction, reported
+from roadstate.estimators.friction_groups import ALL_WHEELS, mean_friction, mean_weights, reported
 from roadstate.estimators.friction_of_forces import YAW_NOISE, ForcesInput, FrictionOfForces
+from roadstate.estimators.friction_states import share_learned
 from roadstate.estimators.signals import Held
 from roadstate.estimators.two_stage_settings import PRINTED, Settings, first_stage, second_stage
 from roadstate.estimators.velocity import STALE
 from roadstate.filters.base import Filter
 from roadstate.linalg import once, product, root
-from roadstate.tires import TireModel
+from roadstate.tires import NormalizedDugoff, TireModel
+from roadstate.tires.smooth import safe_hypot
 from roadstate.vehicles import ThreeDofForces
 from roadstate.vehicles.kinematics import to_body, wheel_steer
 
@@ -56,13 +58,16 @@ _LEAST_STEP = 1e-3  # s
 
 
 class TwoStageState(NamedTuple):
-    """The contact's, a smoothed yaw rate, both stages', the friction used, and how far to trust it all."""
+    """The contact's, a smoothed yaw rate, both stages', the friction used, what the tire may get lastingly
+    wrong (share of each group's friction), and how far to trust it all.
+    """
 
     contact: ContactState
     yaw_rate: Held
     forces: ForceState
     friction: Any
     used: Held
+    tire: Float[Array, " g"]
     validity: Int[Array, ""]
 
 
@@ -93,6 +98,7 @@ class TwoStage(Estimator[TwoStageState]):
         bias: (3,) 1σ of the error that a_x, a_y, ṙ are measured with for long.
         tire_share: 1σ of a tire model's force, as a share of it.
         known_friction: see :class:`Settings`.
+        file_friction: the friction at which the vehicle file's stiffnesses hold.
     """
 
     name: ClassVar[str] = "two-stage"
@@ -113,6 +119,7 @@ class TwoStage(Estimator[TwoStageState]):
     bias: Float[Array, " 3"]
     tire_share: Float[Array, ""]
     known_friction: Float[Array, ""] | None
+    file_friction: Float[Array, ""]
 
     @classmethod
     def build(
@@ -180,6 +187,7 @@ class TwoStage(Estimator[TwoStageState]):
             bias=jnp.asarray(np.array([file.accel.bias, file.accel.bias, 0.0])),
             tire_share=leaf(_TIRE_SHARE),
             known_friction=None if known is None else leaf(known),
+            file_friction=leaf(vehicle.tires.friction),
         )
 
     def init(self) -> TwoStageState:
@@ -190,6 +198,7 @@ class TwoStage(Estimator[TwoStageState]):
             self.forces.init(),
             self.filter.init(self.model),
             Held.empty(),
+            jnp.zeros(len(self.groups)),
             jnp.asarray(int(Validity.SENSOR_MISSING)),
         )
 
@@ -218,21 +227,23 @@ class TwoStage(Estimator[TwoStageState]):
         measured = jnp.isfinite(sample["accel_x"]) & jnp.isfinite(sample["accel_y"])
         force = jnp.sqrt(jnp.sum(contact.accel**2) + 1e-12) / GRAVITY
         used = state.used.take(jnp.where(measured, force, jnp.nan), dt)
+        tire = self._learned(state, friction, u, self.forces.forces(known), contact, dt)
         mean, spread = mean_friction(self.filter.posterior(friction), self.model.of_wheel, ALL_WHEELS)
+        spread = jnp.hypot(spread, tire[0] * mean)
         validity = jnp.where(spread < _KNOWN * mean, int(Validity.EXCITED), int(Validity.LOW_EXCITATION))
         validity = jnp.where(jnp.abs(speed) < SLOWEST, int(Validity.STANDSTILL), validity)
         validity = jnp.where(contact.age < _SILENT, validity, int(Validity.SENSOR_MISSING))
         validity = jnp.where(info.ok & ok, validity, int(Validity.DIVERGED))
-        return TwoStageState(meter, yaw_rate, forces, friction, used, validity), info
+        return TwoStageState(meter, yaw_rate, forces, friction, used, tire, validity), info
 
     def estimate(self, state: TwoStageState) -> Estimate:
         """Forces of wheels and axles, peak friction of the car and its groups with bounds, friction used."""
         gaussian = self.filter.posterior(state.friction)
         values: dict[str, Array] = {"friction_used": state.used.value}
         std: dict[str, Array] = {"friction_used": _USED_STD + _USED_WANDER * jnp.sqrt(state.used.age)}
-        for name, wheels in self.groups:
+        for i, (name, wheels) in enumerate(self.groups):
             mean, spread = mean_friction(gaussian, self.model.of_wheel, wheels)
-            spread = jnp.hypot(spread, self.tire_share * mean)
+            spread = jnp.hypot(spread, jnp.hypot(self.tire_share, state.tire[i]) * mean)
             values[name], std[name] = mean, spread
             values[f"{name}_lower"] = mean - _NORMAL_90 * spread
             values[f"{name}_upper"] = mean + _NORMAL_90 * spread
@@ -290,6 +301,33 @@ class TwoStage(Estimator[TwoStageState]):
 
     def _wheel_friction(self, state: TwoStageState) -> Float[Array, " 4"]:
         return jnp.maximum(self.model.friction(self.filter.posterior(state.friction).mean), _LEAST_FRICTION)
+
+    def _learned(
+        self,
+        state: TwoStageState,
+        friction: Any,
+        u: ForcesInput,
+        normalized: Float[Array, " 8"],
+        contact: Contact,
+        dt: Float[Array, ""],
+    ) -> Float[Array, " g"]:
+        """Mean of the model's ``tire_error`` over the samples that made the estimate, by what each added."""
+        if not self.takes_direct:
+            return state.tire
+        vehicle, of_wheel = self.forces.vehicle, self.model.of_wheel
+        load = vehicle.wheel_loads(contact.accel[0], contact.accel[1])
+        used = safe_hypot(normalized[:4], normalized[4:]) / jnp.maximum(load, 1.0)
+        before, after = self.filter.posterior(state.friction), self.filter.posterior(friction)
+        walk = self.model.sqrt_Q(u, dt)
+        found = []
+        for doubt, (_, wheels) in zip(state.tire, self.groups, strict=True):
+            weights = mean_weights(of_wheel, wheels, before.mean)
+            counts = jnp.asarray([float(i in wheels) for i in range(4)])
+            ratio = weights @ before.mean / self.file_friction
+            proportional = isinstance(vehicle.tire, NormalizedDugoff)
+            error = self.model.tire_error(ratio, used, counts * load, is_proportional=proportional)
+            found.append(doubt + share_learned(before, after, walk, weights) * (error - doubt))
+        return jnp.stack(found)
 
     def _input(
         self,
