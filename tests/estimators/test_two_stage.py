@@ -177,6 +177,15 @@ def test_a_real_tires_stiffness_is_not_taken_for_friction(truck: Vehicle, fricti
     assert set(e.validity[late]) == {int(Validity.LOW_EXCITATION)}
 
 
+def test_steering_without_an_offset_tells_more(truck: Vehicle, exact: Log) -> None:
+    log, late = noisy(exact), exact.time > 4
+    white = (NOISE["steer"], NOISE["steer"])
+    usual, better = (estimates_of(truck, log, **o) for o in ({}, {"steer_std": white}))
+    for e in (usual, better):
+        assert np.abs(e.values["friction_peak_front"][late] / FRICTION - 1).mean() < 0.03
+    assert better.std["force_y_front"][late].mean() < usual.std["force_y_front"][late].mean()
+
+
 def test_as_printed_is_eight_scalar_filters(truck: Vehicle, exact: Log) -> None:
     """Simon's recursion, written out: 1/P⁺ = 1/P⁻ − θ + 1/R, x⁺ = x⁻ + P⁺/R (z − x⁻)."""
     log, gamma = noisy(exact), 10.0

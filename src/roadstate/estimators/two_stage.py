@@ -152,7 +152,7 @@ class TwoStage(Estimator[TwoStageState]):
                 f"no setting is called '{unknown[0]}'", mend=f"known: {', '.join(Settings._fields)}"
             )
         chosen = (PRINTED if as_printed else Settings())._replace(**settings)
-        meter = ContactMeter(vehicle, available, direct=chosen.direct)
+        meter = ContactMeter(vehicle, available, direct=chosen.direct, steer_std=chosen.steer_std[0])
         family = grouped("friction", chosen.grouping, "grouping")
         has_yaw_accel = "yaw_accel" in available
         sensors = ("accel_x", "accel_y", "yaw_accel" if has_yaw_accel else "yaw_rate")
