@@ -33,7 +33,8 @@ OPTIONAL = ("speed", "velocity_y", "gear_ratio")
 """What it uses where it is there."""
 _UNSEEN_SLIP = 0.05  # 1σ of a longitudinal slip that is not measured
 _FRICTION_SHARE = 0.3  # 1σ of the vehicle file's friction, as a share of it
-_STEER_STD = 0.003  # rad: of the mean road-wheel angle (offset, compliance)
+STEER_STD = 0.003
+"""1σ of the mean road-wheel angle (offset, compliance), rad, where nothing else is told."""
 
 
 class Contact(NamedTuple):
@@ -90,8 +91,16 @@ class ContactMeter(eqx.Module):
     _places: Planar
     _friction: Float[Array, " 2"]
     _noise: Float[Array, " 2"]
+    _steer_std: Float[Array, ""]
 
-    def __init__(self, vehicle: Vehicle, available: Collection[str], *, direct: bool = False) -> None:
+    def __init__(
+        self,
+        vehicle: Vehicle,
+        available: Collection[str],
+        *,
+        direct: bool = False,
+        steer_std: float = STEER_STD,
+    ) -> None:
         self.direct = direct and {"speed", "velocity_y"} <= set(available)
         self._has_wheels = all(w in available for w in _WHEELS)
         self._steering = "steer" if "steer" in available else "steering_wheel"
@@ -119,6 +128,7 @@ class ContactMeter(eqx.Module):
             geometry.cg_to_front_axle, geometry.cg_to_rear_axle, geometry.track_front, geometry.track_rear
         )
         self._noise = jnp.asarray([vehicle.sensors.speed.noise, vehicle.sensors.velocity_y.noise])
+        self._steer_std = leaf(steer_std)
 
     @property
     def _wheels(self) -> tuple[str, ...]:
@@ -168,6 +178,6 @@ class ContactMeter(eqx.Module):
             moving = wheel_velocities(v[0], v[1], yaw_rate, self._places, wheel_steer(steer))
             wheel_speed = moving.x / self._radius
         rolling = jnp.hypot(self._wheel_noise, self._scale * wheel_speed)
-        spread = jnp.concatenate([std, jnp.asarray([_STEER_STD]), rolling])
+        spread = jnp.concatenate([std, self._steer_std[None], rolling])
         contact = Contact(jnp.append(v, yaw_rate), steer, wheel_speed, accel, spread, age)
         return ContactState(held, velocity), contact

@@ -15,7 +15,7 @@ from roadstate.estimators.contact import Contact
 from roadstate.estimators.velocity import STALE
 from roadstate.filters import ExtendedHInfinity
 from roadstate.filters.hinfinity import HInfinityState
-from roadstate.linalg import product, root
+from roadstate.linalg import once, product, root
 from roadstate.statespace import StateSpaceModel
 from roadstate.tires.smooth import soft_abs
 from roadstate.vehicles.kinematics import wheel_slips, wheel_steer, wheel_velocities
@@ -246,7 +246,7 @@ class ForceFilter(eqx.Module):
             force = vehicle.tire.forces(slips.slip, slips.slip_angle, load, friction + shift[8], at.x)
             return jnp.concatenate([force.F_x, force.F_y])
 
-        value, push = jax.linearize(forces, jnp.zeros(9, std.dtype))
+        value, push = once(jax.linearize(forces, jnp.zeros(9, std.dtype)))
         columns = jax.vmap(push, out_axes=1)(jnp.eye(9, dtype=value.dtype))
         twice = jnp.concatenate([friction, friction])
         normalized = value / twice

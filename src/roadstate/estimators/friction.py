@@ -21,6 +21,7 @@ from roadstate.estimators.base import Estimate, Estimator, Need, Sample, leaf
 from roadstate.estimators.contact import NEEDS, OPTIONAL, Contact, ContactMeter, ContactState
 from roadstate.estimators.friction_groups import mean_friction, mean_weights, reported
 from roadstate.estimators.friction_model import FrictionInput, FrictionModel
+from roadstate.estimators.friction_states import share_learned
 from roadstate.estimators.signals import Held
 from roadstate.estimators.velocity import STALE
 from roadstate.filters.base import Filter
@@ -356,12 +357,10 @@ class FrictionEstimator(Estimator[FrictionState]):
         """Mean of the model's ``tire_error`` over the samples that made the estimate, by what each added."""
         if self.has_own_noise:
             return state.tire
-        before, after = (self._friction(f, "friction_peak")[1] ** 2 for f in (state.filter, filter_state))
-        states = self.filter.posterior(filter_state).mean
-        walk = self.weights("friction_peak", states) @ self.model.sqrt_Q(u, dt)
-        share = jnp.clip(1 - after / (before + jnp.sum(walk**2) + _TINY**2), 0.0, 1.0)
-        mean, _ = self._friction(state.filter, "friction_peak")
-        error = self.model.tire_error(mean / self.file_friction, u.contact)
+        before, after = (self.filter.posterior(f) for f in (state.filter, filter_state))
+        weights = self.weights("friction_peak", before.mean)
+        share = share_learned(before, after, self.model.sqrt_Q(u, dt), weights)
+        error = self.model.feigned(weights @ before.mean / self.file_friction, u.contact)
         return state.tire + share * (error - state.tire)
 
 

@@ -5,16 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any, ClassVar, NamedTuple
 
-import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from roadstate.core.gaussian import Gaussian, Info
+from roadstate.core.gaussian import Info
+from roadstate.estimators.friction_states import FrictionStates
 from roadstate.filters.base import FilterState
 from roadstate.filters.marginal import MarginalUKF
 from roadstate.filters.noise import WithNoise
-from roadstate.linalg import product, root, tria
+from roadstate.linalg import product, tria
 from roadstate.statespace import StateSpaceModel
 
 YAW_NOISE = 0.05
@@ -39,78 +38,30 @@ class ForcesInput(NamedTuple):
     excited: Bool[Array, " m"]
 
 
-class FrictionOfForces(StateSpaceModel):
-    """x = [μ of each group (, r)]; z of a_x, a_y, ṙ or r: linear (paper 000 eqs. 1–3, 30, 31).
+class FrictionOfForces(FrictionStates):
+    """Friction under forces that are known up to it: linear (paper 000 eqs. 1–3, 30, 31).
 
     R is white noise only, so that it can be learned; for the rest see :class:`LastingErrors`.
 
-    Attributes:
-        states: names of the rows of x.
-        sensors: of ``accel_x``, ``accel_y``, ``yaw_accel``, ``yaw_rate``.
-        of_wheel: for each wheel its group.
-        mean: prior mean of μ.
-        std: (2,) 1σ of the prior: what all groups share, and each group's own.
-        walk: (2,) 1σ of the random walk over 1 m, likewise.
-        step_std: 1σ of each group's own random walk over one step.
+    Attributes as :class:`FrictionStates`.
     """
-
-    states: tuple[str, ...] = eqx.field(static=True)
-    sensors: tuple[str, ...] = eqx.field(static=True)
-    of_wheel: tuple[int, ...] = eqx.field(static=True)
-    mean: Float[Array, ""]
-    std: Float[Array, " 2"]
-    walk: Float[Array, " 2"]
-    step_std: Float[Array, ""]
 
     @property
     def nonlinear(self) -> tuple[str, ...]:
         """None."""
         return ()
 
-    @property
-    def groups(self) -> int:
-        """How many frictions there are."""
-        return max(self.of_wheel) + 1
-
-    def friction(self, x: Float[Array, "*k"]) -> Float[Array, " 4"]:
-        """μ under each wheel (or what else belongs to groups)."""
-        return x[np.asarray(self.of_wheel)]
-
     def caused(self, x: Float[Array, " n"], u: ForcesInput) -> Float[Array, " 3"]:
         """a_x, a_y (specific forces) and ṙ."""
         return jnp.sum(u.shares[:, :4] * self.friction(x), axis=1) + u.shares[:, 4]
 
-    def f(self, x: Float[Array, " n"], u: ForcesInput, dt: Float[Array, ""]) -> Float[Array, " n"]:
-        """Friction stays; the yaw rate follows the forces."""
-        return x.at[-1].add(self.caused(x, u)[2] * dt) if "yaw_rate" in self.states else x
-
-    def h(self, x: Float[Array, " n"], u: ForcesInput) -> Float[Array, " m"]:
-        """What the sensors would read."""
-        caused = self.caused(x, u)
-        by_name = {"accel_x": caused[0], "accel_y": caused[1], "yaw_accel": caused[2], "yaw_rate": x[-1]}
-        return jnp.stack([by_name[sensor] for sensor in self.sensors])
-
     def sqrt_Q(self, u: ForcesInput, dt: Float[Array, ""]) -> Float[Array, "n q"]:
-        """Shared and own random walks along the way."""
-        way = root(jnp.abs(u.distance))
-        own = root((self.walk[1] * way) ** 2 + jnp.where(dt > 0, self.step_std**2, 0.0))
-        return self._spread(self.walk[0] * way, own, YAW_NOISE * root(dt))
+        """Random walks along the way."""
+        return self.wander(u.distance, dt, YAW_NOISE)
 
     def sqrt_R(self, u: ForcesInput) -> Float[Array, "m m"]:
         """White noise of the sensors."""
         return jnp.diag(u.sensor_std)
-
-    def prior(self) -> Gaussian:
-        """The same mean for all groups, no yaw rate."""
-        mean = jnp.zeros(len(self.states), self.std.dtype).at[: self.groups].set(self.mean)
-        return Gaussian(mean, tria(self._spread(self.std[0], self.std[1], jnp.ones((), self.std.dtype))))
-
-    def _spread(self, shared: Array, own: Array, yaw: Array) -> Float[Array, "n q"]:
-        k, n = self.groups, len(self.states)
-        diagonal = jnp.broadcast_to(own, (k,))
-        diagonal = jnp.append(diagonal, yaw) if n > k else diagonal
-        column = jnp.zeros(n, diagonal.dtype).at[:k].set(shared)
-        return jnp.concatenate([column[:, None], jnp.diag(diagonal)], axis=1)
 
 
 class LastingErrors(MarginalUKF):

@@ -6,7 +6,6 @@ from collections.abc import Collection, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
@@ -27,14 +26,16 @@ from roadstate.estimators.force_filter import (
     Moving,
     from_channels,
 )
-from roadstate.estimators.friction_groups import ALL_WHEELS, mean_friction, reported
+from roadstate.estimators.friction_groups import ALL_WHEELS, mean_friction, mean_weights, reported
 from roadstate.estimators.friction_of_forces import YAW_NOISE, ForcesInput, FrictionOfForces
+from roadstate.estimators.friction_states import share_learned
 from roadstate.estimators.signals import Held
 from roadstate.estimators.two_stage_settings import PRINTED, Settings, first_stage, second_stage
 from roadstate.estimators.velocity import STALE
 from roadstate.filters.base import Filter
-from roadstate.linalg import once, root
-from roadstate.tires import TireModel
+from roadstate.linalg import once, product, root
+from roadstate.tires import NormalizedDugoff, TireModel
+from roadstate.tires.smooth import safe_hypot
 from roadstate.vehicles import ThreeDofForces
 from roadstate.vehicles.kinematics import to_body, wheel_steer
 
@@ -57,13 +58,16 @@ _LEAST_STEP = 1e-3  # s
 
 
 class TwoStageState(NamedTuple):
-    """The contact's, a smoothed yaw rate, both stages', the friction used, and how far to trust it all."""
+    """The contact's, a smoothed yaw rate, both stages', the friction used, what the tire may get lastingly
+    wrong (share of each group's friction), and how far to trust it all.
+    """
 
     contact: ContactState
     yaw_rate: Held
     forces: ForceState
     friction: Any
     used: Held
+    tire: Float[Array, " g"]
     validity: Int[Array, ""]
 
 
@@ -94,6 +98,7 @@ class TwoStage(Estimator[TwoStageState]):
         bias: (3,) 1σ of the error that a_x, a_y, ṙ are measured with for long.
         tire_share: 1σ of a tire model's force, as a share of it.
         known_friction: see :class:`Settings`.
+        file_friction: the friction at which the vehicle file's stiffnesses hold.
     """
 
     name: ClassVar[str] = "two-stage"
@@ -114,6 +119,7 @@ class TwoStage(Estimator[TwoStageState]):
     bias: Float[Array, " 3"]
     tire_share: Float[Array, ""]
     known_friction: Float[Array, ""] | None
+    file_friction: Float[Array, ""]
 
     @classmethod
     def build(
@@ -146,7 +152,7 @@ class TwoStage(Estimator[TwoStageState]):
                 f"no setting is called '{unknown[0]}'", mend=f"known: {', '.join(Settings._fields)}"
             )
         chosen = (PRINTED if as_printed else Settings())._replace(**settings)
-        meter = ContactMeter(vehicle, available, direct=chosen.direct)
+        meter = ContactMeter(vehicle, available, direct=chosen.direct, steer_std=chosen.steer_std[0])
         family = grouped("friction", chosen.grouping, "grouping")
         has_yaw_accel = "yaw_accel" in available
         sensors = ("accel_x", "accel_y", "yaw_accel" if has_yaw_accel else "yaw_rate")
@@ -160,7 +166,7 @@ class TwoStage(Estimator[TwoStageState]):
             mean=leaf(chosen.mean),
             std=jnp.asarray([chosen.shared_std, chosen.own_std]),
             walk=jnp.asarray([chosen.shared_walk, chosen.own_walk]),
-            step_std=leaf(chosen.step_std),
+            step_std=jnp.asarray([0.0, chosen.step_std]),
         )
         body = ThreeDofForces.from_vehicle(vehicle)
         if as_printed:  # one track, no air
@@ -181,6 +187,7 @@ class TwoStage(Estimator[TwoStageState]):
             bias=jnp.asarray(np.array([file.accel.bias, file.accel.bias, 0.0])),
             tire_share=leaf(_TIRE_SHARE),
             known_friction=None if known is None else leaf(known),
+            file_friction=leaf(vehicle.tires.friction),
         )
 
     def init(self) -> TwoStageState:
@@ -191,6 +198,7 @@ class TwoStage(Estimator[TwoStageState]):
             self.forces.init(),
             self.filter.init(self.model),
             Held.empty(),
+            jnp.zeros(len(self.groups)),
             jnp.asarray(int(Validity.SENSOR_MISSING)),
         )
 
@@ -199,7 +207,8 @@ class TwoStage(Estimator[TwoStageState]):
         meter, contact = self.meter.read(state.contact, sample, dt)
         contact = once(contact)
         before = self._wheel_friction(state)
-        moving, yaw_rate = self._moving(state, sample, contact, before, dt)
+        effects = once(self._effects(contact.steer))
+        moving, yaw_rate = self._moving(state, sample, contact, effects, before, dt)
         ahead, forces, direct, ok = self.forces.step(
             state.forces, contact, moving if self.takes_direct else None, before, dt
         )
@@ -211,28 +220,30 @@ class TwoStage(Estimator[TwoStageState]):
             sample[self.sensors[2]],
         ]
         known = ahead if self.takes_direct else forces
-        u, moved = once(self._input(contact, known, direct, before, dt))
+        u, moved = once(self._input(contact, effects, known, direct, before, dt))
         z = jnp.stack(rows) - moved
         z = jnp.where(moves & jnp.isfinite(z), z, jnp.nan)
         friction, info = self.filter.step(self.model, state.friction, u, z, dt)
         measured = jnp.isfinite(sample["accel_x"]) & jnp.isfinite(sample["accel_y"])
         force = jnp.sqrt(jnp.sum(contact.accel**2) + 1e-12) / GRAVITY
         used = state.used.take(jnp.where(measured, force, jnp.nan), dt)
+        tire = self._learned(state, friction, u, self.forces.forces(known), contact, dt)
         mean, spread = mean_friction(self.filter.posterior(friction), self.model.of_wheel, ALL_WHEELS)
+        spread = jnp.hypot(spread, tire[0] * mean)
         validity = jnp.where(spread < _KNOWN * mean, int(Validity.EXCITED), int(Validity.LOW_EXCITATION))
         validity = jnp.where(jnp.abs(speed) < SLOWEST, int(Validity.STANDSTILL), validity)
         validity = jnp.where(contact.age < _SILENT, validity, int(Validity.SENSOR_MISSING))
         validity = jnp.where(info.ok & ok, validity, int(Validity.DIVERGED))
-        return TwoStageState(meter, yaw_rate, forces, friction, used, validity), info
+        return TwoStageState(meter, yaw_rate, forces, friction, used, tire, validity), info
 
     def estimate(self, state: TwoStageState) -> Estimate:
         """Forces of wheels and axles, peak friction of the car and its groups with bounds, friction used."""
         gaussian = self.filter.posterior(state.friction)
         values: dict[str, Array] = {"friction_used": state.used.value}
         std: dict[str, Array] = {"friction_used": _USED_STD + _USED_WANDER * jnp.sqrt(state.used.age)}
-        for name, wheels in self.groups:
+        for i, (name, wheels) in enumerate(self.groups):
             mean, spread = mean_friction(gaussian, self.model.of_wheel, wheels)
-            spread = jnp.hypot(spread, self.tire_share * mean)
+            spread = jnp.hypot(spread, jnp.hypot(self.tire_share, state.tire[i]) * mean)
             values[name], std[name] = mean, spread
             values[f"{name}_lower"] = mean - _NORMAL_90 * spread
             values[f"{name}_upper"] = mean + _NORMAL_90 * spread
@@ -254,6 +265,7 @@ class TwoStage(Estimator[TwoStageState]):
         state: TwoStageState,
         sample: Sample,
         contact: Contact,
+        effects: Float[Array, "3 8"],
         friction: Float[Array, " 4"],
         dt: Float[Array, ""],
     ) -> tuple[Moving, Held]:
@@ -263,7 +275,7 @@ class TwoStage(Estimator[TwoStageState]):
         """
         v, noise, step = contact.velocity, self.sensor_noise, jnp.maximum(dt, _LEAST_STEP)
         forces = jnp.concatenate([friction, friction]) * self.forces.forces(state.forces)
-        yaw_accel = jnp.sum(self._caused(forces, contact)[2])
+        yaw_accel = jnp.sum(effects[2] * forces)
         accel = noise[1] / jnp.sqrt(step)
         yaw_std = YAW_NOISE / jnp.sqrt(step)
         if self.sensors[2] == "yaw_accel":
@@ -278,19 +290,49 @@ class TwoStage(Estimator[TwoStageState]):
         std = jnp.stack([accel, jnp.hypot(accel, v[0] * spread), yaw_std])
         return Moving(jnp.stack(rate), std), yaw_rate
 
-    def _caused(self, F: Float[Array, " 8"], contact: Contact) -> Float[Array, "3 4"]:
-        """What each wheel's force does to a_x, a_y and ṙ."""
-        body, place = self.body, self.body.wheel_positions
-        force = to_body(F[:4], F[4:], wheel_steer(contact.steer))
-        moment = place.x * force.y - place.y * force.x
-        return jnp.stack([force.x / body.mass, force.y / body.mass, moment / body.yaw_inertia])
+    def _effects(self, steer: Float[Array, ""]) -> Float[Array, "3 8"]:
+        """What 1 N of each wheel's F_x, then of each wheel's F_y, does to a_x, a_y and ṙ."""
+        body, place, one = self.body, self.body.wheel_positions, jnp.ones(4)
+        angle = wheel_steer(steer)
+        along, across = to_body(one, 0 * one, angle), to_body(0 * one, one, angle)
+        x, y = jnp.concatenate([along.x, across.x]), jnp.concatenate([along.y, across.y])
+        moment = jnp.tile(place.x, 2) * y - jnp.tile(place.y, 2) * x
+        return jnp.stack([x / body.mass, y / body.mass, moment / body.yaw_inertia])
 
     def _wheel_friction(self, state: TwoStageState) -> Float[Array, " 4"]:
         return jnp.maximum(self.model.friction(self.filter.posterior(state.friction).mean), _LEAST_FRICTION)
 
+    def _learned(
+        self,
+        state: TwoStageState,
+        friction: Any,
+        u: ForcesInput,
+        normalized: Float[Array, " 8"],
+        contact: Contact,
+        dt: Float[Array, ""],
+    ) -> Float[Array, " g"]:
+        """Mean of the model's ``tire_error`` over the samples that made the estimate, by what each added."""
+        if not self.takes_direct:
+            return state.tire
+        vehicle, of_wheel = self.forces.vehicle, self.model.of_wheel
+        load = vehicle.wheel_loads(contact.accel[0], contact.accel[1])
+        used = safe_hypot(normalized[:4], normalized[4:]) / jnp.maximum(load, 1.0)
+        before, after = self.filter.posterior(state.friction), self.filter.posterior(friction)
+        walk = self.model.sqrt_Q(u, dt)
+        found = []
+        for doubt, (_, wheels) in zip(state.tire, self.groups, strict=True):
+            weights = mean_weights(of_wheel, wheels, before.mean)
+            counts = jnp.asarray([float(i in wheels) for i in range(4)])
+            ratio = weights @ before.mean / self.file_friction
+            proportional = isinstance(vehicle.tire, NormalizedDugoff)
+            error = self.model.tire_error(ratio, used, counts * load, is_proportional=proportional)
+            found.append(doubt + share_learned(before, after, walk, weights) * (error - doubt))
+        return jnp.stack(found)
+
     def _input(
         self,
         contact: Contact,
+        effects: Float[Array, "3 8"],
         known: ForceState,
         direct: Direct,
         friction: Float[Array, " 4"],
@@ -311,7 +353,7 @@ class TwoStage(Estimator[TwoStageState]):
         """
 
         def caused(F: Float[Array, " 8"]) -> Float[Array, "3 4"]:
-            return self._caused(F, contact)
+            return effects[:, :4] * F[:4] + effects[:, 4:] * F[4:]
 
         body = self.body
         normalized = self.forces.forces(known)
@@ -327,7 +369,7 @@ class TwoStage(Estimator[TwoStageState]):
         twice = jnp.concatenate([friction, friction])
 
         def spread(columns: Float[Array, "8 k"]) -> Float[Array, " 3"]:
-            return jnp.sum(jnp.sum(jax.vmap(caused)((twice[:, None] * columns).T), axis=2) ** 2, axis=0)
+            return jnp.sum(product(effects * twice, columns) ** 2, axis=1)
 
         value = jnp.sum(per_friction * friction, axis=1)
         lasting = spread(direct.lasting)
@@ -340,6 +382,6 @@ class TwoStage(Estimator[TwoStageState]):
         white = jnp.sqrt(sensors**2 + jnp.where(is_rate, 0.0, spread(direct.white)))
         errors = 2 * (lasting * _ERROR_TIME + self.bias**2 * _BIAS_TIME) / step
         errors = jnp.where(is_rate, 0.0, doubt * errors + (doubt - 1) * white**2)
-        moved = jnp.sum(caused(twice * (direct.force - normalized)), axis=1)
+        moved = jnp.sum(effects * (twice * (direct.force - normalized)), axis=1)
         u = ForcesInput(shares, distance, white, root(errors), doubt < 2)
         return u, jnp.where(is_rate, 0.0, moved)

@@ -10,6 +10,7 @@ from jaxtyping import Array, Bool, Float
 
 from roadstate.assembly.rows import Grouping
 from roadstate.estimators.base import leaf
+from roadstate.estimators.contact import STEER_STD
 from roadstate.estimators.force_filter import ForceFilter, ForceModel, channel_loads
 from roadstate.estimators.friction import normalized_tire
 from roadstate.estimators.friction_of_forces import ForcesInput, LastingErrors
@@ -22,8 +23,6 @@ from roadstate.vehicles.three_dof_contact import ThreeDofContact
 
 if TYPE_CHECKING:
     from roadstate.vehicles import Vehicle
-
-_STEER_WHITE = 5e-4  # rad: noise of the mean road-wheel angle
 
 
 class Settings(NamedTuple):
@@ -44,6 +43,7 @@ class Settings(NamedTuple):
         smooths: false switches the first stage off.
         adapts: false keeps the second stage's R.
         direct: read v_x and v_y as measured, where they are, and free nothing of pitch and roll.
+        steer_std: 1σ of the mean road-wheel angle, rad: in all (offset and compliance too), and white noise.
         known_friction: μ taken for known when forces are given, F = μ F⁰; ``None`` takes the estimated one.
     """
 
@@ -61,6 +61,7 @@ class Settings(NamedTuple):
     smooths: bool = True
     adapts: bool = True
     direct: bool = False
+    steer_std: tuple[float, float] = (STEER_STD, 5e-4)
     known_friction: float | None = None
 
 
@@ -91,7 +92,7 @@ def first_stage(
         wheel_radius=jnp.full(4, vehicle.wheels.radius),
         load=load,
         white_std=jnp.asarray(
-            np.array([*velocity, _STEER_WHITE, *[file.wheel_speed.noise] * 4, file.yaw_rate.noise])
+            np.array([*velocity, chosen.steer_std[1], *[file.wheel_speed.noise] * 4, file.yaw_rate.noise])
         ),
         yaw_bias=leaf(file.yaw_rate.bias),
         motion=jnp.asarray(np.repeat(np.array(chosen.motion)[[0, 0, 1, 2]], 2)),

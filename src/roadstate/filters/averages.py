@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from math import log
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -122,7 +123,7 @@ class Forgetting(Average):
         """Take the entries that are ``fresh``."""
         mean = state.kept[0]
         count = jnp.minimum(state.taken + fresh, 2**30)
-        faded = self.factor ** jnp.maximum(count, 1).astype(mean.dtype)
+        faded = jnp.exp(log(self.factor) * jnp.maximum(count, 1).astype(mean.dtype))
         new = mean + (1 - self.factor) / (1 - faded) * (value - mean)
         return AverageState(jnp.where(fresh, new, mean)[None], count)
 

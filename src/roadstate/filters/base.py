@@ -148,13 +148,20 @@ class Filter(eqx.Module, Generic[S]):
         """
         ahead = self.predict(model, state, u, dt)
         finite = self._is_finite(ahead)
-        updated, info = self.update(model, _select(finite, ahead, state), u, z)
+        updated, info = self._update_if(finite, model, _select(finite, ahead, state), u, z)
         reason = jnp.where(finite, info.reason, Reason.NOT_FINITE)
-        return _select(finite, updated, state), replace(info, ok=info.ok & finite, reason=reason)
+        return updated, replace(info, ok=info.ok & finite, reason=reason)
 
     def _is_finite(self, state: S) -> Bool[Array, ""]:
         """Whether a predicted state is free of NaN and infinity."""
         return _is_finite(self.posterior(state))
+
+    def _update_if(
+        self, sound: Bool[Array, ""], model: StateSpaceModel, state: S, u: Any, z: Float[Array, " m"]
+    ) -> tuple[S, Info]:
+        """:meth:`update`, whose state counts only where ``sound``: else it stays as it is."""
+        updated, info = self.update(model, state, u, z)
+        return _select(sound, updated, state), info
 
 
 class GaussianFilter(Filter[FilterState]):

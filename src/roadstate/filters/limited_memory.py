@@ -116,6 +116,17 @@ class LimitedMemoryEKF(Filter[LimitedMemoryState]):
         self, model: StateSpaceModel, state: LimitedMemoryState, u: Any, z: Float[Array, " m"]
     ) -> tuple[LimitedMemoryState, Info]:
         """Measurement update."""
+        return self._update_if(jnp.asarray(True), model, state, u, z)
+
+    def _update_if(
+        self,
+        sound: Bool[Array, ""],
+        model: StateSpaceModel,
+        state: LimitedMemoryState,
+        u: Any,
+        z: Float[Array, " m"],
+    ) -> tuple[LimitedMemoryState, Info]:
+        # to choose between two states afterwards would be to copy the window's stacks whole, at each step
         prior, rejected = state.kalman.gaussian, state.kalman.rejected
         z_hat, H = linearize(lambda x: model.h(x, u), prior.mean)
         rows = product(H, prior.factor)
@@ -135,7 +146,7 @@ class LimitedMemoryEKF(Filter[LimitedMemoryState]):
 
         s, innovations, step = state.fading, state.innovations, state.pending
         if self.fading is not None and innovations is not None:
-            innovations = self.fading.learn(innovations, innovation**2, believed)
+            innovations = self.fading.learn(innovations, innovation**2, believed & sound)
             s = self.fading.factor(innovations, explained, variance, believed)
             fade = root(s - 1) * removable(prior.factor, rows, noise, believed)
             prior = Gaussian(prior.mean, tria(jnp.concatenate([prior.factor, fade], axis=1)))
@@ -145,11 +156,13 @@ class LimitedMemoryEKF(Filter[LimitedMemoryState]):
         )
         fuzzy = state.fuzzy
         if self.fuzzy is not None and fuzzy is not None:
-            fuzzy = self.fuzzy.learn(fuzzy, innovation, explained + variance, believed & info.ok)
+            heard = believed & info.ok & sound
+            fuzzy = self.fuzzy.learn(fuzzy, innovation, explained + variance, heard)
 
+        kalman, s = select(sound, (kalman, s), (state.kalman, state.fading))
         limited, pending, window = kalman.gaussian, state.pending, state.window
         if self.memory is not None and window is not None:
-            sliding, taken = SlidingPrediction(self.memory), info.reason == Reason.OK
+            sliding, taken = SlidingPrediction(self.memory), (info.reason == Reason.OK) & sound
             window, old = sliding.push(window, step, kalman.gaussian, taken)
             limited, kept = self._forget(kalman.gaussian, old, sliding.full(window))
             limited = select(taken, limited, state.limited)

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from roadstate.core.gaussian import Gaussian
-from roadstate.linalg import product, tria
+from roadstate.linalg import once, product, tria
 
 T = TypeVar("T")
 
@@ -126,14 +126,18 @@ class SlidingPrediction(eqx.Module):
         block = select(starts, state.prefix, state.block)
         prefix = select(starts, one, state.prefix).then(step)
         suffix = select(starts, one, state.suffix)
-        tail = _take(state.ahead, here)  # of two blocks ago, by now predicted to the end of its block
-
-        odd = self.length % 2 == 1
-        steps = _put(state.steps, here, step, taken)
-        ahead = _put(state.ahead, here, state.last if odd else posterior, taken)
         back = (here - place + half) % (2 * half) + half - 1 - place
-        longer = _take(steps, back).then(suffix)
-        ahead = _put(ahead, back, (longer if odd else suffix).predict(_take(ahead, back)), taken)
+        # all that is read, before anything is written: else the stacks would be copied whole
+        read = _take(state.steps, here), _take(state.steps, back), _take(state.ahead, here)
+        (replaced, later, tail), earlier, here, back = once((read, _take(state.ahead, back), here, back))
+        odd = self.length % 2 == 1
+        longer = later.then(suffix)
+        newest = state.last if odd else posterior
+        ended = (longer if odd else suffix).predict(earlier)
+        steps = _put(state.steps, here, select(taken, step, replaced))
+        # what stood here, the posterior of two blocks ago, is by now predicted to the end of its block
+        ahead = _put(state.ahead, here, select(taken, newest, tail))
+        ahead = _put(ahead, back, select(taken, ended, earlier))
 
         after = (posterior, prefix, block, longer)
         last, prefix, block, suffix = select(
@@ -158,8 +162,5 @@ def _take(stack: T, index: Int[Array, ""]) -> T:
     return cast(T, jax.tree.map(lambda leaf: leaf[index], stack))
 
 
-def _put(stack: T, index: Int[Array, ""], value: T, taken: Bool[Array, ""]) -> T:
-    def put(leaf: Array, new: Array) -> Array:
-        return leaf.at[index].set(jnp.where(taken, new, leaf[index]))
-
-    return cast(T, jax.tree.map(put, stack, value))
+def _put(stack: T, index: Int[Array, ""], value: T) -> T:
+    return cast(T, jax.tree.map(lambda leaf, new: leaf.at[index].set(new), stack, value))

@@ -70,6 +70,7 @@ class Cell:
         method: name of the method.
         measure: how the number is had from a run.
         bound: the least that any estimator could reach there, from a log and the vehicle file, if computed.
+        lost: what it means that a run gives no number.
     """
 
     table: str
@@ -81,6 +82,7 @@ class Cell:
     method: str
     measure: Measure
     bound: Callable[[Log, Vehicle], float] | None = None
+    lost: str = "not finite"
 
 
 @dataclass(frozen=True)

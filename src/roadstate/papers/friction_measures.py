@@ -24,6 +24,8 @@ from roadstate.vehicles import Vehicle
 Numbers = NDArray[np.float64]
 Start = Callable[[Log], float]
 """When, in s of the log's time, what is measured begins."""
+NEVER = "not within the tolerance for half a second"
+"""What it means that a :func:`convergence_time` is not a number."""
 _TURNED = 0.2  # of its largest angle: then steering has begun
 _LASTING = 0.5  # s for which an error must stay small
 _PADDED = 2048  # samples: logs are filled up to a multiple of it

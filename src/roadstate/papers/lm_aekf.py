@@ -10,6 +10,7 @@ from roadstate.estimators import Estimator, build
 from roadstate.estimators.lm_aekf import PRINTED
 from roadstate.papers.base import Build, Cell, Condition, Figure, Measure, Method, Paper
 from roadstate.papers.friction_measures import (
+    NEVER,
     Start,
     at,
     chatter,
@@ -152,6 +153,7 @@ def _rows(table: str, condition: str, start: Start, side: str = "", *, bounded: 
             method,
             measure,
             bound if column == "error" else None,
+            NEVER if column == "converged" else "not finite",
         )
         for method in _METHODS
         for column, unit, measure in columns

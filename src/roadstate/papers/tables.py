@@ -55,6 +55,8 @@ def _cell_json(outcome: Outcome) -> dict[str, Any]:
         made["bound"] = outcome.bound
     if outcome.reason:
         made["reason"] = outcome.reason
+    elif any(spread.lost and spread.mean is None for spread in (as_printed, best)):
+        made["reason"] = f"in every seed: {outcome.cell.lost}"
     return made
 
 
