@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+import math
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -26,11 +28,30 @@ settings.register_profile("roadstate", deadline=None)
 settings.load_profile("roadstate")
 
 
+def pytest_collection_finish() -> None:
+    """Look for garbage seldom: Python would do so all the time while JAX traces, and find next to none."""
+    gc.freeze()
+    gc.set_threshold(50_000, 20, 50)
+
+
 @pytest.fixture(scope="module", autouse=True)
 def _forget_programs() -> Iterator[None]:
-    """Let go of a module's compiled programs, which otherwise come to gigabytes over a run."""
+    """Let go of compiled programs, which otherwise come to gigabytes over a run, once there are many.
+
+    Not after every module: hundreds of small ones, such as those that build a plant, serve nearly all.
+    """
     yield
-    jax.clear_caches()
+    if memory() > 3.0:
+        jax.clear_caches()
+
+
+def memory() -> float:
+    """What this process has in memory, GB; without bound where the system does not say."""
+    try:
+        pages = int(Path("/proc/self/statm").read_text().split()[1])
+    except OSError:
+        return math.inf
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e9
 
 
 @pytest.fixture(scope="session")

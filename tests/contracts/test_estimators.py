@@ -352,6 +352,10 @@ def test_cars_and_logs_form_a_batch(case: Case, vehicle: Vehicle) -> None:
 def test_derivatives_are_finite(case: Case) -> None:
     """Along 50 steps, the first of no time, some of no sample: by every parameter and by the state."""
 
+    def typed(state: Any) -> Any:
+        # a number that comes from one of Python's has a type of its own to JAX: and so another program
+        return jax.tree.map(lambda leaf: jnp.asarray(leaf, leaf.dtype), state)
+
     # run fifty times, so what counts is how fast it compiles
     quickly = {"xla_backend_optimization_level": 0, "xla_cpu_use_fusion_emitters": False}
 
@@ -362,13 +366,13 @@ def test_derivatives_are_finite(case: Case) -> None:
         new, info = estimator.step(state, sample, dt)
         estimate = estimator.estimate(new)
         value = sum(estimate.values.values()) + sum(estimate.std.values())
-        return value + info.log_likelihood + info.nis, new
+        return value + info.log_likelihood + info.nis, typed(new)
 
-    state, size = case.estimator.init(), 0.0
+    state, size = typed(case.estimator.init()), 0.0
     for k in range(50):
-        sample = {c: jnp.asarray(NAN if k % 9 == 8 else case.log[c][k]) for c in case.estimator.channels}
+        sample = {c: np.float64(NAN if k % 9 == 8 else case.log[c][k]) for c in case.estimator.channels}
         slopes, state = gradient(
-            (case.estimator, state), sample, jnp.asarray(0.0 if k in (0, 20) else 1 / 128)
+            (case.estimator, state), sample, np.float64(0.0 if k in (0, 20) else 1 / 128)
         )
         for path, leaf in jax.tree_util.tree_leaves_with_path(slopes):
             assert np.isfinite(leaf).all(), f"step {k}: {jax.tree_util.keystr(path)}"

@@ -92,10 +92,11 @@ def test_theta_is_reduced_no_further_than_needed() -> None:
     """One state: P⁺ is the printed one up to ceiling/θ, stays there, and beyond that is the EKF's."""
     one = Matrices(*(jnp.asarray(a) for a in ([[1.0]], [0.0], [[0.0]], [[1.0]], [0.0], [[1.0]])))
     theta = 0.5
+    method = ExtendedHInfinity(theta=theta)
+    update = eqx.filter_jit(method.update)
     for variance in np.geomspace(0.01, 1e4, 40):
         model = TimeVarying(("x",), ("z",), Gaussian(jnp.zeros(1), jnp.asarray([[np.sqrt(variance)]])))
-        method = ExtendedHInfinity(theta=theta)
-        state, info = method.update(model, method.init(model), one, jnp.ones(1))
+        state, info = update(model, method.init(model), one, jnp.ones(1))
         plain = variance / (1 + variance)
         printed = 1 / (1 / plain - theta)
         expected = max(plain, min(printed, 1 / theta) if printed > 0 else 1 / theta)

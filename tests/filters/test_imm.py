@@ -141,13 +141,17 @@ def test_it_is_the_textbooks_form(count: int, n: int, m: int) -> None:
     np.testing.assert_allclose(info.log_likelihood, log_likelihoods, atol=1e-8)
 
 
+transition = eqx.filter_jit(SwitchingModel.transition)
+
+
 @given(
     rates=st.lists(st.floats(0, 20), min_size=9, max_size=9),
     dt=st.sampled_from([0.0, 1e-4, 0.01, 0.5, 3.0]),
 )
 def test_the_chain_is_a_matrix_exponential(rates: list[float], dt: float) -> None:
     jumps = np.array(rates).reshape(3, 3)
-    found = np.asarray(SwitchingModel.of([scalar(1.0, 1.0, 1.0)] * 3, jumps).transition(jnp.asarray(dt)))
+    model = SwitchingModel.of([scalar(1.0, 1.0, 1.0)] * 3, jumps)
+    found = np.asarray(transition(model, jnp.asarray(dt)))
     assert (found >= 0).all()
     np.testing.assert_allclose(found.sum(axis=1), 1, rtol=1e-12)
     expected = chain(jumps, dt)

@@ -219,17 +219,18 @@ def test_weights_survive_likelihoods_that_no_number_holds(dtype: Any) -> None:
 @pytest.mark.parametrize("threshold", [0.0, 0.3, 0.5, 0.9, 1.0])
 def test_resampling_waits_for_the_threshold(linear: dict[str, Any], threshold: float) -> None:
     method, model = ParticleFilter(particles=200, threshold=threshold), Bent()
+    predict, update = eqx.filter_jit(method.predict), eqx.filter_jit(method.update)
     state = method.init(model)
     happened = []
     for k in range(12):
         u, z, dt = (linear[name][k] for name in ("u", "z", "dt"))
         share = float(effective_number(state.log_weights)) / 200
-        ahead = method.predict(model, state, u, dt)
+        ahead = predict(model, state, u, dt)
         equal = float(jnp.ptp(ahead.log_weights)) == 0
         if k:  # at first all weights are equal
             assert equal == (share < threshold)
             happened.append(equal)
-        state = method.update(model, ahead, u, z)[0]
+        state = update(model, ahead, u, z)[0]
     assert any(happened) == (threshold > 0)
     assert all(happened) == (threshold == 1)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -28,12 +29,12 @@ def points(nominal: float, count: int, seed: int) -> list[oracle.Point]:
     return [oracle.Point(*(float(v) for v in row)) for row in zip(*columns, strict=True)]
 
 
-def ours(tire: MagicFormula, where: list[oracle.Point]) -> np.ndarray:
+def ours(tire: MagicFormula, where: list[oracle.Point]) -> jax.Array:
     kappa, alpha, gamma, Fz, pressure, lmu, V = np.array(where).T
     # our slip angle is positive to the other side
     force = tire.forces(kappa, -alpha, Fz, lmu, V, camber=gamma, pressure=pressure)
     moment = tire.moments(kappa, -alpha, Fz, lmu, V, camber=gamma, pressure=pressure)
-    return np.stack([force.F_x, force.F_y, moment.M_x, moment.M_y, moment.M_z], axis=1)
+    return jnp.stack([force.F_x, force.F_y, moment.M_x, moment.M_y, moment.M_z], axis=1)
 
 
 def naive(tire: MagicFormula, p: oracle.Coefficients, where: list[oracle.Point]) -> np.ndarray:
@@ -102,8 +103,8 @@ def test_every_coefficient_matters_somewhere() -> None:
     p = {name: float(start[name] or 0.02) for name in DEFAULTS} | {"PKY4": 1.9, "NOMPRES": 2.1e5}
     where = points(p["FNOMIN"], 20, seed=3)
 
-    def answers(coefficients: dict[str, float]) -> np.ndarray:
-        leaves = {name: jnp.asarray(value) for name, value in coefficients.items()}
+    @jax.jit
+    def answers(leaves: dict[str, jax.Array]) -> jax.Array:
         results = []
         for form, combination, relaxation in (
             ("MF6.1", "weighting", "polynomial"),
@@ -111,9 +112,9 @@ def test_every_coefficient_matters_somewhere() -> None:
         ):
             tire = MagicFormula(leaves, form=form, combination=combination, relaxation=relaxation)
             pressed = tire.relaxation_lengths(5000.0, camber=0.1, pressure=2.3e5)
-            slow = np.stack(tire.moments(0.02, 0.05, 4000.0, 0.8, 0.7))
-            results += [ours(tire, where).ravel(), np.stack(pressed), slow]
-        return np.concatenate(results)
+            slow = jnp.stack(tire.moments(0.02, 0.05, 4000.0, 0.8, 0.7))
+            results += [ours(tire, where).ravel(), jnp.stack(pressed), slow]
+        return jnp.concatenate(results)
 
     before = answers(p)
     # LMUX and LMUY are replaced by the friction asked for; INFLPRES is the default of an argument given here

@@ -64,22 +64,23 @@ def test_substeps_are_the_steps_written_out() -> None:
 class Decay(eqx.Module):
     """ẋ = λx, with the right damping or a wrong one."""
 
-    rate: float
-    claimed: float
+    rate: jax.Array
+    claimed: jax.Array
 
     def derivative(self, x: jax.Array, u: Any) -> jax.Array:
         return self.rate * x
 
     def stiff(self, x: jax.Array, u: Any) -> Stiff:
-        return Stiff(self.rate * x, jnp.zeros(1), jnp.full((1, 1), self.claimed))
+        return Stiff(self.rate * x, jnp.zeros(1), self.claimed.reshape(1, 1))
 
 
 @pytest.mark.parametrize("factor", [1.0, 2.0, 5.0])
 def test_any_decay_is_damped_without_overshoot(factor: float) -> None:
     """Also where the damping is overrated."""
+    step = eqx.filter_jit(IMPLICIT.step)
     for rate in 10.0 ** np.arange(-1, 8):
-        model, z = Decay(-rate, -rate * factor), -rate * 0.01
-        after = float(IMPLICIT.step(model, jnp.ones(1), None, jnp.asarray(0.01))[0])
+        model, z = Decay(jnp.asarray(-rate), jnp.asarray(-rate * factor)), -rate * 0.01
+        after = float(step(model, jnp.ones(1), None, jnp.asarray(0.01))[0])
         assert 0 < after < 1
         if factor == 1:
             np.testing.assert_allclose(after, 1 / (1 - z) - 0.5 * z**2 / (1 - z) ** 3, rtol=1e-9)
@@ -88,7 +89,7 @@ def test_any_decay_is_damped_without_overshoot(factor: float) -> None:
 class Saturated(eqx.Module):
     """ẋ = −λ tanh(x/w)·w: stiff about zero, a constant pull beyond w."""
 
-    rate: float
+    rate: jax.Array
     width: float = 0.01
 
     def derivative(self, x: jax.Array, u: Any) -> jax.Array:
@@ -101,9 +102,9 @@ class Saturated(eqx.Module):
 @pytest.mark.parametrize("rate", [1e3, 1e4, 1e6])
 def test_a_saturated_pull_brings_to_rest_and_not_beyond(rate: float) -> None:
     x, dt = jnp.ones(1), jnp.asarray(0.01)
-    path = [1.0]
+    step, path = eqx.filter_jit(IMPLICIT.step), [1.0]
     for _ in range(30):
-        x = IMPLICIT.step(Saturated(rate), x, None, dt)
+        x = step(Saturated(jnp.asarray(rate)), x, None, dt)
         path.append(float(x[0]))
     assert np.all(np.diff(path) < 0)
     assert 0 < path[-1] < (0.9 if rate == 1e3 else 1e-3)
@@ -125,8 +126,9 @@ def test_dry_friction_stops_and_holds() -> None:
             return Stiff(self.push - dry * soft_sign(x), dry, jnp.zeros((1, 1)))
 
     x, dt = jnp.ones(1), jnp.asarray(0.03)
+    step = eqx.filter_jit(IMPLICIT.step)
     for i in range(30):
-        x = IMPLICIT.step(Block(1.0), x, None, dt)
+        x = step(Block(1.0), x, None, dt)
         np.testing.assert_allclose(x[0], max(1 - 2 * 0.03 * (i + 1), 0), atol=1e-12)
     assert x[0] == 0
     # a push beyond the friction moves it again

@@ -18,7 +18,7 @@ from roadstate.core.numerics import jit_loop
 from roadstate.sim.manoeuvres.base import Manoeuvre
 from roadstate.sim.manoeuvres.driver import Driver, seen
 from roadstate.sim.plant.base import Controls, Plant, Truth
-from roadstate.sim.roads.road import Road
+from roadstate.sim.plant.rollout import start
 from roadstate.sim.sensors.faults import Fault
 from roadstate.sim.sensors.suite import SensorSuite, measure
 
@@ -79,11 +79,6 @@ def looks(plant: Plant, driver: Driver, carry: Any, first: Any, count: int, step
 _roll = jit_loop(looks)
 
 
-@jit_loop
-def _start(plant: Plant, road: Road, speed: Any, s: Any, d: Any) -> Any:
-    return plant.init(road, speed, s, d)
-
-
 def common_driver(manoeuvre: Manoeuvre, vehicle: Vehicle) -> Driver:
     """The driver of a manoeuvre with tables of one length for most of them, so that they compile once.
 
@@ -128,8 +123,7 @@ def drive(plant: Plant, manoeuvre: Manoeuvre, vehicle: Vehicle, *, rate: float =
     if not 1 <= steps <= 100 or abs(steps / CONTROL_STEP - rate) > 1e-6:
         raise InputError(f"a rate of {rate:g} Hz", mend="choose a multiple of 100 Hz, up to 10 kHz")
     driver = jax.tree.map(jnp.asarray, common_driver(manoeuvre, vehicle))
-    place = (manoeuvre.speed, manoeuvre.s, manoeuvre.d)
-    state = _start(plant, driver.road, *(jnp.asarray(v) for v in place))
+    state = start(plant, driver.road, manoeuvre.speed, manoeuvre.s, manoeuvre.d)
     carry, chunks = (state, driver.init(), Controls.make()), []
     count = round(manoeuvre.duration / CONTROL_STEP) + 1
     for first in range(0, count, _CHUNK):

@@ -32,31 +32,32 @@ class Point(NamedTuple):
 
 
 class Plane(eqx.Module):
-    """z = slope·s + bank·d; friction may differ left (d > 0) and right."""
+    """z = slope·s + bank·d, straight or on a circle to the left; friction may differ left (d > 0) and right.
+
+    One class for both, so that one program serves them.
+    """
 
     slope: Float[Array, ""] = eqx.field(default=0.0, converter=as_leaf)
     bank: Float[Array, ""] = eqx.field(default=0.0, converter=as_leaf)
     left: Float[Array, ""] = eqx.field(default=0.9, converter=as_leaf)
     right: Float[Array, ""] = eqx.field(default=0.9, converter=as_leaf)
+    curvature: Float[Array, ""] = eqx.field(default=0.0, converter=as_leaf)
 
     def at(self, s: Any, d: Any) -> Point:
         s, d = jnp.broadcast_arrays(jnp.asarray(s), jnp.asarray(d))
         o = jnp.zeros_like(s)
+        heading = self.curvature * s
+        half = heading / 2
+        chord = s * jnp.sinc(half / jnp.pi)
+        x, y = chord * jnp.cos(half) - d * jnp.sin(heading), chord * jnp.sin(half) + d * jnp.cos(heading)
+        z = self.slope * s + self.bank * d
         friction = jnp.where(d > 0, self.left, self.right)
-        return Point(s, d, self.slope * s + self.bank * d, o, o, o + self.slope, o + self.bank, friction)
+        return Point(x, y, z, heading, o + self.curvature, o + self.slope, o + self.bank, friction)
 
 
-class Circle(eqx.Module):
-    """A level circle to the left, of one friction."""
-
-    radius: Float[Array, ""] = eqx.field(converter=as_leaf)
-    friction: Float[Array, ""] = eqx.field(default=0.9, converter=as_leaf)
-
-    def at(self, s: Any, d: Any) -> Point:
-        s, d = jnp.broadcast_arrays(jnp.asarray(s), jnp.asarray(d))
-        o, angle, r = jnp.zeros_like(s), s / self.radius, self.radius - d
-        x, y = r * jnp.sin(angle), self.radius - r * jnp.cos(angle)
-        return Point(x, y, o, angle, o + 1 / self.radius, o, o, o + self.friction)
+def circle(radius: float) -> Plane:
+    """A level circle to the left."""
+    return Plane(curvature=1 / radius)
 
 
 @pytest.fixture(scope="session")

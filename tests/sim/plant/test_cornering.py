@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.sim.plant.conftest import Circle, Plane, drive, samples
+from tests.sim.plant.conftest import Plane, circle, drive, samples
 
 from roadstate.sim.plant import Controls, PlantFigures, multibody_plant
 from roadstate.sim.plant.figures import Suspension
@@ -79,7 +79,7 @@ def test_load_transfer(car: MultibodyPlant) -> None:
 
 def test_place_along_a_circle(car: MultibodyPlant) -> None:
     """s and d as integrated agree with the place in the world after a long way."""
-    road, t = Circle(80.0), samples(12.0)
+    road, t = circle(80.0), samples(12.0)
     controls = Controls.make(steering_wheel=np.full(t.shape, 0.55), throttle=0.2)
     _, truth = drive(car, road, start(car, road, 12.0, 5.0, -1.0), controls)
     s, d = np.asarray(truth.road).T

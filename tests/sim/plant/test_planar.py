@@ -5,7 +5,7 @@ from __future__ import annotations
 import jax
 import numpy as np
 import pytest
-from tests.sim.plant.conftest import Circle, Plane, drive, samples
+from tests.sim.plant.conftest import Plane, circle, drive, samples
 
 from roadstate.core import InputError
 from roadstate.core.constants import GRAVITY
@@ -68,7 +68,7 @@ def test_three_dof_is_driven_by_slip() -> None:
 
 
 def test_place_along_a_circle() -> None:
-    plant, road, t = PlanarPlant.seven_dof(_CAR), Circle(80.0), samples(8.0)
+    plant, road, t = PlanarPlant.seven_dof(_CAR), circle(80.0), samples(8.0)
     controls = Controls.make(steering_wheel=np.full(t.shape, 0.5), throttle=0.1)
     _, truth = drive(plant, road, start(plant, road, 12.0, 5.0, -1.0), controls)
     s, d = truth.road.T

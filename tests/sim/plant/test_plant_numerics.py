@@ -72,7 +72,7 @@ def test_same_input_same_output_bit_for_bit(car: MultibodyPlant) -> None:
 
 def test_a_batch_of_frictions_is_what_each_is_alone(car: MultibodyPlant) -> None:
     frictions = jnp.asarray([0.3, 0.6, 0.9])
-    roads = Plane(jnp.zeros(3), jnp.zeros(3), frictions, frictions)
+    roads = Plane(jnp.zeros(3), jnp.zeros(3), frictions, frictions, jnp.zeros(3))
     controls = Controls.make(steering_wheel=1.5, throttle=0.3)
 
     def run(plant: MultibodyPlant, road: Plane) -> State:

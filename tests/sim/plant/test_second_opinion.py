@@ -6,9 +6,11 @@ does not turn the wheel carrier.
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -55,19 +57,20 @@ def model_of(plant: MultibodyPlant, height: float) -> str:
     )
 
 
-@eqx.filter_jit
-def tire_forces(
+def forces(
     plant: MultibodyPlant,
     road: Plane,
     R: Any,
     position: Any,
     hubs: Any,
     rate: Any,
+    travel: Any,
+    travel_rate: Any,
     spin: Any,
     slip: Any,
     steer: Any,
 ) -> Any:
-    """Force and carrier torque on each wheel in the world, and what spins and transient slips do next."""
+    """Force and torque on each wheel's carrier in the world, springs, next spins and transient slips."""
     centres = R.T @ (hubs[:, :, 0] - position[:, None])
     moving = R.T @ hubs[:, :, 1]
     under = road.at(position[0], position[1])
@@ -83,12 +86,14 @@ def tire_forces(
     torque = contact.moment - about * axis - gyroscopic
     spun = spin + _STEP * about / plant.chassis.spin_inertia
     slipped = relax_slip(slip, contact.slip_growth, contact.slip_decay, _STEP)
-    return R @ contact.force, R @ torque, spun, slipped, contact.load, contact.force_y
+    springs = plant.suspension.elastic(travel) + plant.suspension.damping(travel_rate)
+    return R @ contact.force, R @ torque, springs, spun, slipped, contact.load, contact.force_y
 
 
 def by_mujoco(mujoco: Any, plant: MultibodyPlant, steer: np.ndarray, speed: float) -> tuple[Any, Any]:
     """(T, 4) loads and lateral forces, every 10 ms."""
     road, state = Plane(), start(plant, Plane(), speed)
+    at_once = jax.jit(partial(forces, plant, road))
     model = mujoco.MjModel.from_xml_string(model_of(plant, float(state.motion.position[2])))
     data = mujoco.MjData(model)
     data.qvel[0] = speed
@@ -106,16 +111,11 @@ def by_mujoco(mujoco: Any, plant: MultibodyPlant, steer: np.ndarray, speed: floa
             mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_BODY, 2 + i, velocity, 0)
             hubs[:, i, 1] = velocity[3:]
         # the rates of a free joint are along the body's axes
-        found = tire_forces(
-            plant, road, R, data.xpos[1].copy(), hubs, data.qvel[3:6].copy(), spin, slip, steer[k]
-        )
-        force, torque, spin, slip, load, lateral = found
+        free, sliding = data.qvel[3:6].copy(), (data.qpos[7:11].copy(), data.qvel[6:10].copy())
+        found = at_once(R, data.xpos[1].copy(), hubs, free, *sliding, spin, slip, steer[k])
+        force, torque, springs, spin, slip, load, lateral = found
         data.xfrc_applied[2:6, :3] = np.asarray(force).T
         data.xfrc_applied[2:6, 3:] = np.asarray(torque).T
-        travel, travel_rate = data.qpos[7:11], data.qvel[6:10]
-        springs = plant.suspension.elastic(jnp.asarray(travel)) + plant.suspension.damping(
-            jnp.asarray(travel_rate)
-        )
         data.qfrc_applied[6:10] = np.asarray(springs)
         if k % each == 0:
             rows.append((np.asarray(load), np.asarray(lateral)))

@@ -6,12 +6,12 @@ import equinox as eqx
 import jax
 import numpy as np
 import pytest
-from tests.sim.plant.conftest import Plane
+from tests.sim.plant.conftest import Plane, drive, samples
 
 from roadstate.core.constants import GRAVITY
 from roadstate.sim.plant import Controls, multibody_plant
 from roadstate.sim.plant.multibody import MultibodyPlant
-from roadstate.sim.plant.rollout import open_loop, start
+from roadstate.sim.plant.rollout import start
 from roadstate.sim.plant.vectors import rotation
 from roadstate.vehicles import load_vehicle, presets
 
@@ -60,8 +60,8 @@ def test_parked_on_a_slope_it_feels_gravity_and_does_not_creep(
 ) -> None:
     road = Plane(slope, bank)
     state = start(car, road, 0.0)
-    controls = jax.tree.map(lambda a: np.broadcast_to(a, (600, *a.shape)), _PARKED)
-    _, truth = open_loop(car, road, state, controls, 0.1)
+    _, truth = drive(car, road, state, Controls.make(brake=np.ones(6000)))
+    truth = jax.tree.map(lambda a: a[::10], truth)
     position = np.asarray(truth.position)
     # what the trim leaves has settled after 5 s; 55 s more move nothing
     assert np.abs(position[50] - position[0]).max() < 2e-3
@@ -84,22 +84,20 @@ def test_parked_on_a_slope_it_feels_gravity_and_does_not_creep(
 def test_on_ice_the_brakes_do_not_hold_it(car: MultibodyPlant) -> None:
     road = Plane(0.15, 0.0, 0.1, 0.1)
     state = start(car, Plane(0.15), 0.0)
-    controls = jax.tree.map(lambda a: np.broadcast_to(a, (30, *a.shape)), _PARKED)
-    _, truth = open_loop(car, road, state, controls, 0.1)
+    _, truth = drive(car, road, state, Controls.make(brake=np.ones(300)))
     assert float(truth.velocity[-1, 0]) < -0.5  # g sin 8.5° is 1.45 m/s², friction takes less than 1 of it
     np.testing.assert_array_less(np.abs(np.asarray(truth.wheel_speed)[-1]), 1e-3)
 
 
 def test_an_accelerometer_off_the_centre(car: MultibodyPlant) -> None:
     """Against the second difference of the place of a point of the body."""
-    road, mounting, dt = Plane(), np.array([0.6, -0.3, 0.2]), 0.001
-    controls = Controls.make(steering_wheel=np.full(1200, 1.5), throttle=0.3)
-    state = start(car, road, 15.0)
-    _, truth = open_loop(car, road, state, controls, dt)
-    turns = np.stack([np.asarray(rotation(a)) for a in np.asarray(truth.attitude)[1000:1101]])
-    place = np.asarray(truth.position)[1000:1101] + turns @ mounting
-    accel = (place[:-20] - 2 * place[10:-10] + place[20:]) / (10 * dt) ** 2
-    felt = np.einsum("tji,tj->ti", turns[10:-10], accel + np.array([0, 0, GRAVITY]))
-    read = np.asarray(truth.specific_force_at(mounting))[1010:1091]
+    road, mounting, t = Plane(), np.array([0.6, -0.3, 0.2]), samples(1.5)
+    controls = Controls.make(steering_wheel=np.full(t.shape, 1.5), throttle=0.3)
+    _, truth = drive(car, road, start(car, road, 15.0), controls)
+    turns = np.stack([np.asarray(rotation(a)) for a in np.asarray(truth.attitude)[99:132]])
+    place = np.asarray(truth.position)[99:132] + turns @ mounting
+    accel = (place[:-2] - 2 * place[1:-1] + place[2:]) / 0.01**2
+    felt = np.einsum("tji,tj->ti", turns[1:-1], accel + np.array([0, 0, GRAVITY]))
+    read = np.asarray(truth.specific_force_at(mounting))[100:131]
     assert np.abs(read[:, 1]).mean() > 1  # it turns
     np.testing.assert_allclose(read, felt, atol=0.03)

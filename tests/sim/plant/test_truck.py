@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from tests.sim.plant.conftest import Circle, Plane, drive, samples
+from tests.sim.plant.conftest import Plane, circle, drive, samples
 
 from roadstate.core import InputError
 from roadstate.sim import run
@@ -77,7 +77,7 @@ def test_the_axle_shares_its_load_by_its_lean(truck: MultibodyPlant) -> None:
 def test_dual_tires_resist_turning(truck: MultibodyPlant) -> None:
     """On a circle of radius R one tire of a pair drives, the other brakes, with C_κ·(spacing/2)/R each."""
     radius, t = 25.0, samples(8.0)
-    road = Circle(radius)
+    road = circle(radius)
     wheel = _TRUCK.steering.ratio * _TRUCK.wheelbase / radius
     controls = Controls.make(steering_wheel=np.minimum(t, 1.0) * wheel, gear=0.0)
     state, truth = drive(truck, road, start(truck, road, 3.0), controls)

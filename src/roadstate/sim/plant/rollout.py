@@ -5,15 +5,20 @@ from __future__ import annotations
 from typing import Any
 
 import jax
-from jaxtyping import ArrayLike
+from jaxtyping import Array, ArrayLike
 
 from roadstate.core.numerics import jit_loop
 from roadstate.sim.plant.base import Controls, Plant, Road, Truth
+from roadstate.tires.base import as_leaf
+
+
+def start(plant: Plant, road: Road, speed: ArrayLike, s: ArrayLike = 0.0, d: ArrayLike = 0.0) -> Any:
+    """:meth:`roadstate.sim.plant.base.Plant.init`, compiled once for all speeds and places."""
+    return _start(plant, road, as_leaf(speed), as_leaf(s), as_leaf(d))
 
 
 @jit_loop
-def start(plant: Plant, road: Road, speed: ArrayLike, s: ArrayLike = 0.0, d: ArrayLike = 0.0) -> Any:
-    """:meth:`roadstate.sim.plant.base.Plant.init`, compiled."""
+def _start(plant: Plant, road: Road, speed: Array, s: Array, d: Array) -> Any:
     return plant.init(road, speed, s, d)
 
 
