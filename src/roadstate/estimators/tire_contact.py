@@ -143,7 +143,9 @@ class TireContact(eqx.Module):
         lasting = lasting + (_LATE_ERROR * late * accel) ** 2
         slow = jnp.where(jnp.abs(rolling) < _DEAD_BAND[0], _DEAD_BAND[1], 0.0)
         noise = self.noise
-        std = jnp.sqrt(noise**2 + lasting * _SLIP_TIME / step + slow**2 * jnp.maximum(_DEAD_BAND[2] / step, 1.0))
+        std = jnp.sqrt(
+            noise**2 + lasting * _SLIP_TIME / step + slow**2 * jnp.maximum(_DEAD_BAND[2] / step, 1.0)
+        )
         return (
             state._replace(racing=racing, together=together),
             jnp.where(seen.is_fresh[SPIN], rim, jnp.nan),
