@@ -165,6 +165,18 @@ class TestBank:
         assert 0.0025 < offsets[0] < 0.0042
         assert offsets[1] == pytest.approx(0.0, abs=0.0015)
 
+    def test_no_tire_bears_more_than_the_friction(self, vehicle: Vehicle) -> None:
+        """After ice comes asphalt, of which only forces tell: the speed is known too badly for any slip."""
+        bank = FrictionBank(vehicle)
+        icy, dry = self.touch(-0.14, -0.25), self.touch(-0.6, -0.05)
+        unsure = dry._replace(slip_shared=jnp.asarray(0.2))
+        before, after = (
+            np.asarray(bank.quantiles(self.driven(bank, (1.0, icy), (seconds, unsure)), (0.05, 0.5, 0.95)))
+            for seconds in (0.0, 1.0)
+        )
+        assert (before[2] < 0.4).all()
+        assert (after[0] > 0.5).all()
+
     def test_weights_stay_a_distribution(self, vehicle: Vehicle) -> None:
         bank = FrictionBank(vehicle)
         state, _ = bank.step(bank.init(), self.touch(0.5, 0.03), jnp.asarray(0.01))

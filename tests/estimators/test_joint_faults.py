@@ -12,6 +12,7 @@ from roadstate.core import WHEELS, Estimates, Log, Validity
 from roadstate.core.constants import GRAVITY
 from roadstate.estimators import Estimator, build
 from roadstate.run import Stream, scan
+from roadstate.sim.sensors.wheel_pulses import ToothSensor
 from roadstate.vehicles import Vehicle
 
 Array = NDArray[np.float64]
@@ -214,6 +215,34 @@ def test_an_hour_at_standstill(run: Run, turn: Turn) -> None:
     low, high = said.values["friction_peak_lower"], said.values["friction_peak_upper"]
     assert (high - low)[stands].min() > 0.3
     assert not any("sign" in f or "contradicts" in f or "stuck" in f for f in named(said))
+
+
+def test_a_stop_and_a_launch_told_by_teeth(run: Run, turn: Turn, vehicle: Vehicle) -> None:
+    """At walking pace the time from tooth to tooth is long, and what a sensor reads is late by as much."""
+    speed = np.maximum(np.abs(6 - 1.5 * TIME) - 3, 0.0)  # 3 m/s to rest, 4 s there, and off again
+    log = turn(speed, np.zeros(len(speed)))
+    spins, rng = ToothSensor(resolution=0.02, delay=0.01), np.random.default_rng(3)
+    fine = np.arange(0.0, TIME[-1], 1e-3)
+    rolling = np.interp(fine, TIME, speed) / vehicle.wheels.radius
+    read = {spin: np.append(spins.read(fine, rolling, rng)[1], np.nan) for spin in SPINS}
+    said = run(log.with_channels(read | {"speed": np.full(len(log), np.nan)}))
+    error, spread = said.values["speed"] - speed, said.std["speed"]
+    slow = (said.time > 1.0) & (speed < 2.0)
+    assert np.abs(error[slow]).max() < 0.1
+    assert np.sqrt(np.mean(error[slow] ** 2)) < 0.03
+    assert np.mean(np.abs(error[slow]) < 1.96 * spread[slow]) > 0.9
+    # what brakes hold one axle against the other nothing tells
+    stands = said.std["force_x_front"][(said.time > 3.0) & (said.time < 5.0)]
+    assert stands.min() > 0.03 * vehicle.mass * GRAVITY > 1.5 * said.std["force_x_front"][-1]
+
+
+def test_in_a_long_bend_the_grade_is_no_surer_than_the_sideslip(run: Run, turn: Turn) -> None:
+    """v_y r looks like a slope."""
+    rate = np.minimum(TIME / 4, 1.0) * 0.4
+    said = run(turn(np.full(len(TIME), 15.0), rate))
+    late = said.time > 10
+    assert (said.std["grade"] > 0.9 * said.std["velocity_y"] * 0.4 / GRAVITY)[late].all()
+    assert np.abs(said.values["grade"] / said.std["grade"])[late].max() < 2.5
 
 
 def test_reverse(run: Run, turn: Turn) -> None:
