@@ -35,10 +35,6 @@ class Size:
     many: int = 50_000
 
 
-_SMALL = 8
-"""Up to this many states two batches have been seen to run at once, hundreds of times, and never to wait for
-each other for ever, as programs with larger matrices can."""
-
 FULL = {
     "tfobe-lower-ukf": Size(),
     "friction-ukf": Size(),
@@ -101,8 +97,6 @@ def programs(problem: Problem, size: Size, tell: Callable[[str], None]) -> Itera
     short = problem.first(size.batch)
     yield "roadstate-scan", ours.scan(problem)
     yield "roadstate-batch", ours.batch(short, logs=size.logs)
-    if problem.method != "pf" and len(problem.q) <= _SMALL:
-        yield "roadstate-batch-2-threads", ours.batch(short, logs=size.logs, threads=2)
     yield "roadstate-stream", ours.stream(problem)
     if problem.linear:
         yield "roadstate-scan-marginal", ours.scan(problem, marginal=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -75,8 +76,8 @@ def scan(problem: Problem, marginal: bool = False) -> Program:
     return Program(call, lambda out: np.asarray(out)[:, : len(problem.q)], problem.steps)
 
 
-def batch(problem: Problem, marginal: bool = False, logs: int = LOGS, threads: int = 1) -> Program:
-    """Many logs, as :func:`roadstate.run.batch` takes them on a CPU: each by the loop of :func:`scan`.
+def batch(problem: Problem, marginal: bool = False, logs: int = LOGS) -> Program:
+    """Many logs, as :func:`roadstate.run.batch` takes them: each by the loop of :func:`scan`, on every core.
 
     The first is the problem's own, the others have noise of their own.
 
@@ -84,7 +85,6 @@ def batch(problem: Problem, marginal: bool = False, logs: int = LOGS, threads: i
         problem: the log, and what to run.
         marginal: with :class:`~roadstate.filters.marginal.MarginalUKF`.
         logs: how many.
-        threads: that share them.
     """
     filter_, system = choose(problem, marginal), model(problem)
     random = np.random.default_rng(5)
@@ -101,6 +101,7 @@ def batch(problem: Problem, marginal: bool = False, logs: int = LOGS, threads: i
     ]
     each = jax.block_until_ready(each)
     run, dt = jit_loop(_scan), jnp.asarray(problem.dt)
+    threads = os.cpu_count() or 1
     pool = ThreadPoolExecutor(threads)
     compiled = False
 
@@ -114,8 +115,7 @@ def batch(problem: Problem, marginal: bool = False, logs: int = LOGS, threads: i
             compiled = True
         return list(pool.map(one, each))
 
-    how = "one by one" if threads == 1 else f"shared by {threads} threads"
-    note = f"{logs} logs of {problem.steps} samples, per step and log, {how}"
+    note = f"{logs} logs of {problem.steps} samples, per step and log, shared by {threads} threads"
     return Program(call, lambda out: np.asarray(out[0])[:, : len(problem.q)], problem.steps, logs, note=note)
 
 
