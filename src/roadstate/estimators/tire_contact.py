@@ -25,11 +25,7 @@ _SHARED_SLIP = 2.0  # 1σ of the slip that all wheels share, as a share of what 
 _RUNAWAY = (0.4, 3.0)  # m/s by which a wheel may leave the rest, and 1σ over what is beyond
 _RACING = (5.0, 1.8, 0.5)  # m/s² by which a wheel, and all, may outrun the car, and s of mistrust then
 _TOGETHER = (0.03, 0.3, 1.5)  # share of the speed and m/s within which wheels agree, and s to believe them
-_DEAD_BAND = (
-    0.7,
-    0.25,
-    0.1,
-)  # m/s: a slower wheel may read anything down to zero, with this 1σ, for so long, s
+_DEAD_BAND = (0.7, 0.25, 0.1)  # m/s: a slower wheel may read down to zero, with this 1σ, for so long (s)
 _WHEEL_DELAY = 0.01  # s: age of a wheel's speed when it comes
 _TOOTH = (0.04, 0.12)  # m from tooth to tooth, one of which a speed is late besides, and s at the most
 _LATE_ERROR = 0.5  # 1σ of that lateness, as a share of it
