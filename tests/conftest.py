@@ -43,6 +43,7 @@ def _forget_programs() -> Iterator[None]:
     yield
     if memory() > 3.0:
         jax.clear_caches()
+        gc.collect()
 
 
 def memory() -> float:
