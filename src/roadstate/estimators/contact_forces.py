@@ -85,6 +85,11 @@ def steered_cosines(cosine: Float[Array, ""]) -> Float[Array, " 4"]:
     return jnp.stack([cosine, cosine, ahead, ahead])
 
 
+def by_axle(wheels: Float[Array, " 4"]) -> Float[Array, " 2"]:
+    """Sums over the wheels of the front and of the rear axle."""
+    return wheels.reshape(2, 2).sum(axis=1)
+
+
 class ForceMeter(eqx.Module):
     """Balances forces: torques tell each wheel's F_x, accelerometers the sums, ṙ the axles' F_y.
 
@@ -191,11 +196,11 @@ class ForceMeter(eqx.Module):
         felt = signals.age[ACCEL_X] < STALE
         along = told + jnp.where(felt, share * rest, 0.0) / turn
         across = self._across(along, accel[1], signals.rate[YAW_RATE], cosine, sine)
-        by_axle = load.reshape(2, 2).sum(axis=1)
+        axles = by_axle(load)
         split = jnp.where(blind, _SPLIT_ERROR * jnp.abs(along), 0.02 * jnp.abs(rest) * jnp.ones(4))
         unsure = jnp.where(felt | (known & ~unknown), 0.0, jnp.inf)
         rotation = jnp.abs(signals.rate[YAW_RATE])
-        moment = _INERTIA_ERROR * car.yaw_inertia * rotation / (by_axle * self._wheelbase)
+        moment = _INERTIA_ERROR * car.yaw_inertia * rotation / (axles * self._wheelbase)
         missing = jnp.where((signals.age[ACCEL_Y] < STALE) & (signals.age[YAW_RATE] < STALE), 0.0, jnp.inf)
         forces = AxleForces(
             along=along,

@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool
 from roadstate.core.constants import GRAVITY
 from roadstate.estimators.along import BIAS, SLOPE, SPEED
 from roadstate.estimators.base import Estimate
-from roadstate.estimators.contact_forces import AxleForces
+from roadstate.estimators.contact_forces import AxleForces, by_axle
 from roadstate.estimators.friction_bank import VIEWS
 from roadstate.estimators.intake import ACCEL_X, ACCEL_Y, SMOOTHING
 from roadstate.estimators.sideways import BANK, BIAS_Y, LEVER, SLOWEST, V_Y
@@ -58,14 +58,14 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
         tell("mass", joint.forces.car.mass * scale, joint.forces.car.mass * scale_std)
     if "altitude" in joint.along.states:
         tell("altitude", mean[-2], std[-2])
-    axles = _by_axle(forces.load)
+    axles = by_axle(forces.load)
     # ahead by as much as low pass, sensors and the body's roll lag, and freed of the accelerometer's bias
     # and place
     ahead = (1 + _LATE / SMOOTHING) * (forces.across - state.contact.across * axles)
     lateral = forces.across + ahead - (side[BIAS_Y] + side[LEVER] * forces.yaw_accel) / GRAVITY * axles
-    sooner = (1 + _LATE / SMOOTHING) * _by_axle(forces.along - state.contact.along * forces.load)
+    sooner = (1 + _LATE / SMOOTHING) * by_axle(forces.along - state.contact.along * forces.load)
     sooner = sooner**3 / (sooner**2 + (_LEAD_NOISE * axles) ** 2)
-    straight = _by_axle(forces.along) + sooner
+    straight = by_axle(forces.along) + sooner
     used, used_std = _used(forces, straight, lateral, jnp.stack([sooner, ahead]), side_std[BIAS_Y])
     ages = state.signals.age
     silent = jnp.minimum(ages[ACCEL_X], 10.0) + jnp.minimum(ages[ACCEL_Y], 3.0)
@@ -75,8 +75,7 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
         bank = jnp.arcsin(jnp.clip(side[BANK] / GRAVITY, -0.99, 0.99))
         tell("bank", bank, side_std[BANK] / (GRAVITY * jnp.cos(bank)))
     for i, where in enumerate(("front", "rear")):
-        load = forces.load[2 * i] + forces.load[2 * i + 1]
-        along = straight[i]
+        load, along = axles[i], straight[i]
         rough = jnp.hypot(scale_std * along, 0.02 * load)
         rough = jnp.hypot(rough, _LEAD_ERROR * sooner[i])
         rough = jnp.hypot(rough, _PARKED * load * jnp.exp(-((mean[SPEED] / STANDSTILL_SPEED) ** 2)))
@@ -97,10 +96,6 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
         tell(name, middle[i], spread[i])
         values[f"{name}_lower"], values[f"{name}_upper"] = low[i], high[i]
     return Estimate(values, stds, state.validity, faults)
-
-
-def _by_axle(wheels: Array) -> Array:
-    return wheels.reshape(2, 2).sum(axis=1)
 
 
 def _used(

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from roadstate.estimators.base import leaf
-from roadstate.estimators.contact_forces import AxleForces, steered_cosines
+from roadstate.estimators.contact_forces import AxleForces, by_axle, steered_cosines
 from roadstate.estimators.intake import ACCEL_Y, SMOOTHING, SPIN, STALE, STEER, YAW_RATE, Signals
 from roadstate.estimators.sideways import Touch
 
@@ -172,7 +172,7 @@ class TireContact(eqx.Module):
         moving = jnp.maximum(jnp.abs(speed), 1.0)
         steer = jnp.stack([seen.smooth[STEER] * jnp.sign(speed), jnp.zeros_like(speed)])
         load = jnp.maximum(forces.load, 0.05 * jnp.mean(forces.load))
-        axles = load.reshape(2, 2).sum(axis=1)
+        axles = by_axle(load)
         across = forces.across / axles
         now = steer - self.places * seen.smooth[YAW_RATE] / moving
         lag = self.relaxation / moving + _YIELDS
