@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from oracles.covariance_kf import Belief, kf_update
-from roadstate.linalg import Correction, correct, once, product, solve_lower, tria
+from roadstate.core.kernel import once
+from roadstate.linalg import Correction, correct, product, solve_lower, tria
 
 # a compiled program per shape; the sizes lie on both sides of the change from unrolled code to LAPACK
 tria_jit = jax.jit(tria)

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from roadstate import dense
-from roadstate.core.kernel import marked
+from roadstate.core.kernel import once
 from roadstate.dense import cholesky, row_triangle
 
 T = TypeVar("T")
@@ -157,17 +157,6 @@ def root(x: Array) -> Array:
     return jnp.sqrt(jnp.maximum(x, float(np.finfo(x.dtype).tiny)))
 
 
-def once(tree: T) -> T:
-    """The same values, computed once.
-
-    Without this the compiler may fuse an expression into each of its uses and evaluate it anew for every
-    element there, exponentials and roots included, which costs more than the fusion saves. (A barrier alone
-    is gone before the compiler fuses; a call that it may not inline stays.)
-    """
-    kept: T = marked(_barrier, tree, inlineable="false")
-    return kept
-
-
 def beside(*blocks: Float[Array, "n _"]) -> Float[Array, "n k"]:
     """Blocks in one matrix, side by side.
 
@@ -175,11 +164,6 @@ def beside(*blocks: Float[Array, "n _"]) -> Float[Array, "n k"]:
     which block it is in.
     """
     return once(jnp.concatenate(once(blocks), axis=1))
-
-
-@jax.jit
-def _barrier(tree: T) -> T:
-    return cast(T, jax.lax.optimization_barrier(tree))  # type: ignore[no-untyped-call]
 
 
 class Correction(NamedTuple):

@@ -15,6 +15,7 @@ from jaxtyping import Array, Float
 
 P = ParamSpec("P")
 R = TypeVar("R")
+T = TypeVar("T")
 
 _MARKS = {"xla_cpu_small_call": "true", "inlineable": "false"}
 
@@ -69,6 +70,22 @@ def marked(jitted: Callable[..., R], *args: Any, **marks: str) -> R:
         # what makes the first result is the call: so it is marked, not the operations within it
         leaves[0] = set_xla_metadata(leaves[0], **marks)  # type: ignore[no-untyped-call]
     return cast(R, jax.tree.unflatten(structure, leaves))
+
+
+def once(tree: T) -> T:
+    """The same values, computed once.
+
+    Without this the compiler may fuse an expression into each of its uses and evaluate it anew for every
+    element there, exponentials and roots included, which costs more than the fusion saves. (A barrier alone
+    is gone before the compiler fuses; a call that it may not inline stays.)
+    """
+    kept: T = marked(_barrier, tree, inlineable="false")
+    return kept
+
+
+@jax.jit
+def _barrier(tree: T) -> T:
+    return cast(T, jax.lax.optimization_barrier(tree))  # type: ignore[no-untyped-call]
 
 
 def _witness(leaves: tuple[Array, ...]) -> Float[Array, ""]:

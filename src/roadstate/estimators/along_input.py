@@ -11,6 +11,7 @@ from jaxtyping import Array, Float
 
 from roadstate.core.constants import GRAVITY
 from roadstate.core.gaussian import Info
+from roadstate.core.kernel import once
 from roadstate.estimators.along import BIAS, SCALE, SLOPE, SPEED, AlongInput
 from roadstate.estimators.base import Sample, leaf
 from roadstate.estimators.contact_forces import AxleForces
@@ -25,7 +26,7 @@ from roadstate.estimators.intake import (
 from roadstate.estimators.noise_learning import NoiseLearner, Unrest
 from roadstate.estimators.pitch import Pitching, lean_std
 from roadstate.estimators.tire_contact import ContactState, TireContact
-from roadstate.linalg import once, root
+from roadstate.linalg import root
 
 if TYPE_CHECKING:
     from roadstate.estimators.joint import JointState

@@ -11,11 +11,12 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from roadstate.core.gaussian import Gaussian
+from roadstate.core.kernel import once
 from roadstate.estimators.contact import Contact
 from roadstate.estimators.velocity import STALE
 from roadstate.filters import ExtendedHInfinity
 from roadstate.filters.hinfinity import HInfinityState
-from roadstate.linalg import once, product, root
+from roadstate.linalg import product, root
 from roadstate.statespace import StateSpaceModel
 from roadstate.tires.smooth import soft_abs
 from roadstate.vehicles.kinematics import wheel_slips, wheel_steer, wheel_velocities

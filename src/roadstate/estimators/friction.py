@@ -17,6 +17,7 @@ from roadstate.core.constants import GRAVITY
 from roadstate.core.errors import InputError
 from roadstate.core.estimates import Validity
 from roadstate.core.gaussian import Info
+from roadstate.core.kernel import once
 from roadstate.estimators.base import Estimate, Estimator, Need, Sample, leaf
 from roadstate.estimators.contact import NEEDS, OPTIONAL, Contact, ContactMeter, ContactState
 from roadstate.estimators.friction_groups import mean_friction, mean_weights, reported
@@ -25,7 +26,7 @@ from roadstate.estimators.friction_states import share_learned
 from roadstate.estimators.signals import Held
 from roadstate.estimators.velocity import STALE
 from roadstate.filters.base import Filter
-from roadstate.linalg import once, tria
+from roadstate.linalg import tria
 from roadstate.tires import NormalizedDugoff, TireModel, all_tires
 from roadstate.vehicles.figures import tire_of
 from roadstate.vehicles.three_dof_contact import ThreeDofContact

@@ -8,9 +8,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from roadstate.core.kernel import once
 from roadstate.estimators.contact import Contact
 from roadstate.estimators.friction_states import FrictionStates
-from roadstate.linalg import once
 from roadstate.tires import NormalizedDugoff
 from roadstate.tires.smooth import Numbers, safe_hypot
 from roadstate.vehicles.kinematics import to_body, wheel_slips, wheel_steer, wheel_velocities

@@ -15,6 +15,7 @@ from roadstate.core.channels import WHEELS
 from roadstate.core.constants import GRAVITY
 from roadstate.core.estimates import Validity
 from roadstate.core.gaussian import Info
+from roadstate.core.kernel import once
 from roadstate.estimators.along import BIAS, SCALE, SLOPE, SPEED, AlongModel
 from roadstate.estimators.along_input import AlongIntake
 from roadstate.estimators.base import Estimate, Estimator, Need, Sample, Smoothable, leaf
@@ -42,7 +43,7 @@ from roadstate.estimators.signals import STANDSTILL_SPEED
 from roadstate.estimators.tire_contact import ContactState
 from roadstate.estimators.watch import Watch, WatchState
 from roadstate.filters import KF, FilterState, GateRule
-from roadstate.linalg import once, root
+from roadstate.linalg import root
 
 if TYPE_CHECKING:
     from roadstate.vehicles import Vehicle

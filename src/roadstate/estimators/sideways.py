@@ -11,9 +11,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from roadstate.core.constants import GRAVITY
+from roadstate.core.kernel import once
 from roadstate.estimators.base import leaf
 from roadstate.estimators.road import GradePrior
-from roadstate.linalg import once
 
 if TYPE_CHECKING:
     from roadstate.vehicles import Vehicle

@@ -15,6 +15,7 @@ from roadstate.core.channels import WHEELS
 from roadstate.core.constants import GRAVITY
 from roadstate.core.estimates import Validity
 from roadstate.core.gaussian import Gaussian, Info
+from roadstate.core.kernel import once
 from roadstate.estimators.base import Estimate, Estimator, Need, Sample, Smoothable, leaf
 from roadstate.estimators.force_observer import FELT, ForceObserver, Forces, ForceState, meter_sample
 from roadstate.estimators.road import GradePrior
@@ -22,7 +23,7 @@ from roadstate.estimators.signals import STANDSTILL_SPEED, SpeedMeter
 from roadstate.estimators.tire_forces import DRIVE_GAIN, FORCE_X, FORCE_Y, YAW_RATE
 from roadstate.filters import FilterState, GateRule
 from roadstate.filters.marginal import MarginalUKF
-from roadstate.linalg import once, root
+from roadstate.linalg import root
 from roadstate.statespace import StateSpaceModel
 from roadstate.vehicles import ThreeDofForces
 

@@ -16,6 +16,7 @@ from roadstate.core.constants import GRAVITY
 from roadstate.core.errors import InputError
 from roadstate.core.estimates import Validity
 from roadstate.core.gaussian import Info
+from roadstate.core.kernel import once
 from roadstate.estimators.base import Estimate, Estimator, Need, Sample, leaf
 from roadstate.estimators.contact import NEEDS, OPTIONAL, Contact, ContactMeter, ContactState
 from roadstate.estimators.force_filter import (
@@ -33,7 +34,7 @@ from roadstate.estimators.signals import Held
 from roadstate.estimators.two_stage_settings import PRINTED, Settings, first_stage, second_stage
 from roadstate.estimators.velocity import STALE
 from roadstate.filters.base import Filter
-from roadstate.linalg import once, product, root
+from roadstate.linalg import product, root
 from roadstate.tires import NormalizedDugoff, TireModel
 from roadstate.tires.smooth import safe_hypot
 from roadstate.vehicles import ThreeDofForces

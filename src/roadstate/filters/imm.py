@@ -12,12 +12,13 @@ from jax.scipy.special import logsumexp
 from jaxtyping import Array, Bool, Float, Int
 
 from roadstate.core.gaussian import Gate, Gaussian, Info
+from roadstate.core.kernel import once
 from roadstate.dense import cholesky
 from roadstate.filters.base import Filter, FilterState, GateRule, GaussianFilter, examine
 from roadstate.filters.switching import SwitchingModel
 from roadstate.filters.ukf import UKF
 from roadstate.filters.weighted import deviations, gaussian, normalized, told
-from roadstate.linalg import once, product, root
+from roadstate.linalg import product, root
 from roadstate.statespace import StateSpaceModel
 
 

@@ -9,8 +9,9 @@ import jax
 from jaxtyping import Array, Float
 
 from roadstate.core.gaussian import Gaussian, Info
+from roadstate.core.kernel import once
 from roadstate.filters.base import FilterState, GateRule, GaussianFilter, Moved
-from roadstate.linalg import once, product
+from roadstate.linalg import product
 from roadstate.statespace import StateSpaceModel
 
 

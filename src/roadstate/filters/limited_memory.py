@@ -11,6 +11,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from roadstate.core.gaussian import Gaussian, Info, Reason
+from roadstate.core.kernel import once
 from roadstate.filters.averages import AverageState
 from roadstate.filters.base import Filter, FilterState, GateRule, examine
 from roadstate.filters.ekf import EKF, linearize
@@ -18,7 +19,7 @@ from roadstate.filters.fading import StrongTracking, removable
 from roadstate.filters.fuzzy import FuzzyNoise, FuzzyState
 from roadstate.filters.spectral import spectral
 from roadstate.filters.transitions import SlidingPrediction, SlidingState, Transition, select
-from roadstate.linalg import once, product, root, solve_lower, tria
+from roadstate.linalg import product, root, solve_lower, tria
 from roadstate.statespace import StateSpaceModel
 
 

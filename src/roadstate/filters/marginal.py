@@ -12,9 +12,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from roadstate.core.gaussian import Gaussian, Info
+from roadstate.core.kernel import once
 from roadstate.filters.base import FilterState, Moved
 from roadstate.filters.ukf import UKF
-from roadstate.linalg import once
 from roadstate.statespace import StateSpaceModel
 
 

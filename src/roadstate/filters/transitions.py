@@ -10,7 +10,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from roadstate.core.gaussian import Gaussian
-from roadstate.linalg import once, product, tria
+from roadstate.core.kernel import once
+from roadstate.linalg import product, tria
 
 T = TypeVar("T")
 

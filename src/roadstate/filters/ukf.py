@@ -12,8 +12,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from roadstate.core.gaussian import Gaussian, Info
+from roadstate.core.kernel import once
 from roadstate.filters.base import FilterState, GateRule, GaussianFilter, Moved
-from roadstate.linalg import beside, once
+from roadstate.linalg import beside
 from roadstate.statespace import StateSpaceModel
 
 
