@@ -16,7 +16,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from roadstate.core.kernel import once
+
 T = TypeVar("T")
+_WRITTEN_OUT = 16
+"""Up to this many rows a factorisation is written out at trace time, without what is known to be zero."""
 _UNROLLED = 8
 """Up to this many rows a loop over them is unrolled at trace time."""
 _AT_ONCE = 3
@@ -42,17 +46,43 @@ def cholesky(A: Float[Array, "... n n"]) -> Float[Array, "... n n"]:
 
     Where A is not positive definite, NaN or infinities.
     """
-    index = jnp.arange(A.shape[-1])
+    n = A.shape[-1]
+    if n <= _WRITTEN_OUT:
+        return jnp.swapaxes(_upper(A), -1, -2)
 
     def eliminate(j: Array, work: tuple[Array, Array]) -> tuple[Array, Array]:
         rest, upper = work
         row = _row(rest, j, keepdims=False)
-        pivot = jax.lax.dynamic_index_in_dim(row, j, axis=-1)
-        row = jnp.where(index >= j, row / jnp.sqrt(pivot), 0)
+        # before the pivot there is rounding, which spoils nothing that is still to be read
+        row = row * (1 / jnp.sqrt(jax.lax.dynamic_index_in_dim(row, j, axis=-1)))
         return rest - row[..., :, None] * row[..., None, :], _put(upper, row, j)
 
-    upper = _over_rows(A.shape[-1], eliminate, (A, jnp.zeros_like(A)))[1]
-    return jnp.swapaxes(upper, -1, -2)
+    upper = _over_rows(n, eliminate, (A, jnp.zeros_like(A)))[1]
+    return jnp.tril(jnp.swapaxes(upper, -1, -2))
+
+
+def _upper(A: Float[Array, "... n n"]) -> Float[Array, "... n n"]:
+    """The upper-triangular U with Uᵀ U = A, written out row by row."""
+    n, rows = A.shape[-1], list[Array]()
+    for j in range(n):
+        rest = A[..., j, j:]
+        if rows:
+            rest = rest - pairwise([row[..., j - k, None] * row[..., j - k :] for k, row in enumerate(rows)])
+        rows.append(once(rest * (1 / jnp.sqrt(rest[..., :1]))))
+    gaps = [jnp.zeros((*A.shape[:-2], j), A.dtype) for j in range(n)]
+    return _stacked([jnp.concatenate(pair, axis=-1) for pair in zip(gaps, rows, strict=True)], A)
+
+
+def _stacked(rows: list[Array], like: Array) -> Array:
+    return once(jnp.stack(rows, axis=-2)) if rows else like
+
+
+def pairwise(terms: list[Array]) -> Array:
+    """The sum of terms, by pairs, so that no addition waits for all before it."""
+    while len(terms) > 1:
+        left_over = terms[len(terms) // 2 * 2 :]
+        terms = [a + b for a, b in zip(terms[::2], terms[1::2], strict=False)] + left_over
+    return terms[0]
 
 
 def row_triangle(A: Float[Array, "... n k"]) -> Float[Array, "... n n"]:
@@ -79,15 +109,23 @@ def row_triangle(A: Float[Array, "... n k"]) -> Float[Array, "... n n"]:
 
 
 def solve_lower(L: Float[Array, "... m m"], B: Float[Array, "... m k"]) -> Float[Array, "... m k"]:
-    """L⁻¹ B for a lower-triangular L (§3.1.3, by columns); what stands above its diagonal is not read."""
-    index = jnp.arange(L.shape[-1])[:, None]
+    """L⁻¹ B for a lower-triangular L (§3.1.3); what stands above its diagonal is not read."""
+    n = L.shape[-1]
+    if n <= _WRITTEN_OUT:
+        rows = list[Array]()
+        for j in range(n):
+            known = [L[..., j, k, None] * row for k, row in enumerate(rows)]
+            rest = B[..., j, :] - pairwise(known) if known else B[..., j, :]
+            rows.append(once(rest / L[..., j, j, None]))
+        return _stacked(rows, B)
+    index = jnp.arange(n)[:, None]
 
     def substitute(j: Array, rest: Array) -> Array:
         column = jax.lax.dynamic_index_in_dim(L, j, axis=-1)
         solved = _row(rest, j) / _row(column, j)
         return jnp.where(index > j, rest - column * solved, jnp.where(index == j, solved, rest))
 
-    return _over_rows(L.shape[-1], substitute, B)
+    return _over_rows(n, substitute, B)
 
 
 def solve_upper(L: Float[Array, "... m m"], B: Float[Array, "... m k"]) -> Float[Array, "... m k"]:
