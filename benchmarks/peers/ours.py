@@ -50,10 +50,13 @@ def _step(filter_: Filter[Any], system: Any, layout: Layout, packed: Any, row: A
 
 
 def _scan(filter_: Filter[Any], system: Any, layout: Layout, packed: Any, rows: Any, dt: Any) -> Any:
-    def body(carry: Any, row: Any) -> Any:
-        return _step(filter_, system, layout, carry, row, dt)
+    m = len(system.sensors)
 
-    return jax.lax.scan(body, packed, rows)[1]
+    def body(state: Any, row: Any) -> Any:
+        state, _ = filter_.step(system, state, row[:-m], row[-m:], dt)
+        return state, _moments(filter_, state)
+
+    return jax.lax.scan(body, layout.unpack(packed), rows)[1]
 
 
 def _rows(problem: Problem, samples: Array) -> Array:

@@ -34,10 +34,10 @@ _row = partial(jax.lax.dynamic_index_in_dim, axis=-2)
 _put = partial(jax.lax.dynamic_update_index_in_dim, axis=-2)
 
 
-def _over_rows(count: int, step: Callable[[Array, T], T], start: T) -> T:
+def _over_rows(count: int, step: Callable[[Array, T], T], start: T, *, is_rare: bool = False) -> T:
     if not count:
         return start
-    unroll = count if count <= _UNROLLED else _AT_ONCE
+    unroll = 1 if is_rare else count if count <= _UNROLLED else _AT_ONCE
     return cast(T, jax.lax.fori_loop(0, count, step, start, unroll=unroll))
 
 
@@ -85,11 +85,15 @@ def pairwise(terms: list[Array]) -> Array:
     return terms[0]
 
 
-def row_triangle(A: Float[Array, "... n k"]) -> Float[Array, "... n n"]:
+def row_triangle(A: Float[Array, "... n k"], *, is_rare: bool = False) -> Float[Array, "... n n"]:
     """Lower-triangular L with non-negative diagonal and L Lᵀ = A Aᵀ (k ≥ n); rank-deficient A is fine.
 
     By modified Gram–Schmidt, whose triangular factor is as backward stable as Householder's (Björck 1967;
     Higham, *Accuracy and Stability of Numerical Algorithms*, ch. 19.8).
+
+    Args:
+        A: (…, n, k).
+        is_rare: it will hardly ever run: rather compiled quickly than fast.
     """
     n = A.shape[-2]
     # squares of small rows would underflow in single precision
@@ -104,7 +108,7 @@ def row_triangle(A: Float[Array, "... n k"]) -> Float[Array, "... n n"]:
         along = jnp.sum(rest * direction[..., None, :], axis=-1)
         return rest - along[..., None] * direction[..., None, :], _put(upper, along, i)
 
-    upper = _over_rows(n, project, (A / size, jnp.zeros((*A.shape[:-1], n), A.dtype)))[1]
+    upper = _over_rows(n, project, (A / size, jnp.zeros((*A.shape[:-1], n), A.dtype)), is_rare=is_rare)[1]
     return jnp.tril(size * jnp.swapaxes(upper, -1, -2))
 
 

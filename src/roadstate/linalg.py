@@ -118,7 +118,7 @@ def _stacked(top: Array, bottom: Array) -> Blocks:
     sound = sound & jnp.all(_diagonal(factor) ** 2 > _PIVOT * _diagonal(second), axis=-1)
 
     def with_care() -> Blocks:
-        careful = _split(row_triangle(_dense(top, bottom)), m)
+        careful = _split(row_triangle(_dense(top, bottom), is_rare=True), m)
         blocks = zip((corner, side, factor), careful, strict=True)
         return Blocks(*(jnp.where(sound[..., None, None], ours, theirs) for ours, theirs in blocks))
 
