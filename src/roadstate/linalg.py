@@ -9,7 +9,7 @@ use of it is checked.
 
 from __future__ import annotations
 
-from typing import NamedTuple, TypeVar, cast
+from typing import Any, NamedTuple, TypeVar, cast
 
 import jax
 import jax.numpy as jnp
@@ -30,14 +30,16 @@ _PIVOT = 1e-6
 of 1e-13 of the row and 1e-10 of the pivot."""
 
 
-def tria(A: Float[Array, "n k"]) -> Float[Array, "n n"]:
-    """Lower-triangular L with non-negative diagonal and L Lᵀ = A Aᵀ (k ≥ n); rank-deficient A is fine.
+def tria(*blocks: Float[Array, "n _"]) -> Float[Array, "n n"]:
+    """Lower-triangular L with non-negative diagonal and L Lᵀ = A Aᵀ, of blocks A side by side.
 
-    Small A by modified Gram–Schmidt (:func:`roadstate.dense.row_triangle`), larger by :func:`stacked_tria`.
+    A has at least as many columns as rows; its rank may be less. Small A by modified Gram–Schmidt
+    (:func:`roadstate.dense.row_triangle`), larger by :func:`stacked_tria`.
     """
+    A = blocks[0]
     if A.shape[0] > _SMALL:
-        return stacked_tria(A, jnp.zeros((0, 0), A.dtype)).corner
-    return row_triangle(A)
+        return stacked_tria(blocks, jnp.zeros((0, 0), A.dtype)).corner
+    return row_triangle(beside(*blocks) if len(blocks) > 1 else A)
 
 
 class Blocks(NamedTuple):
@@ -49,8 +51,8 @@ class Blocks(NamedTuple):
 
 
 @jax.custom_jvp
-def stacked_tria(top: Float[Array, "m q"], bottom: Float[Array, "n k"]) -> Blocks:
-    """:func:`tria` of ``[[top], [0, bottom]]``, where ``bottom`` lies under the last columns of ``top``.
+def stacked_tria(top: tuple[Float[Array, "m _"], ...], bottom: Float[Array, "n k"]) -> Blocks:
+    """:func:`tria` of ``[[top], [0, bottom]]``, ``bottom`` under the last of the blocks of ``top``.
 
     In float64 by the Cholesky factor of the product with its transpose, provided that no pivot is so small
     against its row that rounding could matter (:data:`_PIVOT`), else by Gram and Schmidt's method; in single
@@ -59,20 +61,23 @@ def stacked_tria(top: Float[Array, "m q"], bottom: Float[Array, "n k"]) -> Block
     return cast(Blocks, _stacked(top, bottom))
 
 
+_Stack = tuple[tuple[Array, ...], Array]
+
+
 @stacked_tria.defjvp
-def _stacked_tria_jvp(primals: tuple[Array, Array], tangents: tuple[Array, Array]) -> tuple[Blocks, Blocks]:
+def _stacked_tria_jvp(primals: _Stack, tangents: _Stack) -> tuple[Blocks, Blocks]:
     """dL = L Φ(L⁻¹ (dA Aᵀ + A dAᵀ) L⁻ᵀ), Φ the lower triangle with half the diagonal."""
     blocks = stacked_tria(*primals)
     L = _whole(blocks)
     singular = jnp.diag((jnp.diagonal(L) == 0).astype(L.dtype))
 
-    def seen(pair: tuple[Array, Array]) -> Array:
+    def seen(pair: _Stack) -> Array:
         return dense.solve_lower(L + singular, _dense(*pair))
 
     half = seen(tangents) @ seen(primals).T
     slope = half + half.T
     change = L @ (jnp.tril(slope) - 0.5 * jnp.diag(jnp.diagonal(slope)))
-    return blocks, _split(change, primals[0].shape[0])
+    return blocks, _split(change, blocks.corner.shape[0])
 
 
 def _whole(blocks: Blocks) -> Array:
@@ -97,20 +102,22 @@ def _diagonal(A: Array) -> Array:
     return cast(Array, jnp.diagonal(A, axis1=-2, axis2=-1))
 
 
-def _dense(top: Array, bottom: Array) -> Array:
-    gap = jnp.zeros((*bottom.shape[:-1], top.shape[-1] - bottom.shape[-1]), bottom.dtype)
-    return jnp.concatenate([top, jnp.concatenate([gap, bottom], axis=-1)], axis=-2)
+def _dense(top: tuple[Array, ...], bottom: Array) -> Array:
+    above = jnp.concatenate(top, axis=-1)
+    gap = jnp.zeros((*bottom.shape[:-1], above.shape[-1] - bottom.shape[-1]), bottom.dtype)
+    return jnp.concatenate([above, jnp.concatenate([gap, bottom], axis=-1)], axis=-2)
 
 
 @jax.custom_batching.custom_vmap
-def _stacked(top: Array, bottom: Array) -> Blocks:
+def _stacked(top: tuple[Array, ...], bottom: Array) -> Blocks:
     """:func:`stacked_tria` with any leading axes."""
-    m = top.shape[-2]
-    if top.dtype != jnp.float64:
+    m = top[0].shape[-2]
+    if bottom.dtype != jnp.float64:
         return _split(row_triangle(_dense(top, bottom)), m)
-    first = _times_transposed(top, top)
+    # block by block: that of a constant noise is computed before the loop
+    first = sum((_times_transposed(block, block) for block in top[1:]), _times_transposed(top[0], top[0]))
     corner = cholesky(first)
-    cross = _times_transposed(top[..., top.shape[-1] - bottom.shape[-1] :], bottom)
+    cross = _times_transposed(top[-1][..., top[-1].shape[-1] - bottom.shape[-1] :], bottom)
     side = once(_transposed(dense.solve_lower(corner, cross)))
     second = once(_times_transposed(bottom, bottom))
     factor = cholesky(second - _times_transposed(side, side))
@@ -127,9 +134,13 @@ def _stacked(top: Array, bottom: Array) -> Blocks:
 
 
 @_stacked.def_vmap
-def _stacked_batch(size: int, batched: list[bool], top: Array, bottom: Array) -> tuple[Blocks, Blocks]:
-    pair = ((top, batched[0]), (bottom, batched[1]))
-    each = (a if has_axis else jnp.broadcast_to(a, (size, *a.shape)) for a, has_axis in pair)
+def _stacked_batch(
+    size: int, batched: list[Any], top: tuple[Array, ...], bottom: Array
+) -> tuple[Blocks, Blocks]:
+    def of_all(a: Array, has_axis: bool) -> Array:
+        return a if has_axis else jnp.broadcast_to(a, (size, *a.shape))
+
+    each = jax.tree.map(of_all, (top, bottom), tuple(batched))
     return _stacked(*each), Blocks(True, True, True)  # type: ignore[arg-type]
 
 
@@ -208,7 +219,7 @@ def correct(
     dtype = state_rows.dtype
     keep = used[:, None]
     skipped = jnp.diag((~used).astype(dtype))
-    top = beside(jnp.where(keep, sqrt_R, 0), skipped, jnp.where(keep, sensor_rows, 0))
+    top = once((jnp.where(keep, sqrt_R, 0), skipped, jnp.where(keep, sensor_rows, 0)))
     if n + m > _SMALL:
         sqrt_S, gain, factor = stacked_tria(top, state_rows)
     else:

@@ -164,7 +164,8 @@ def test_without_feedback_the_filter_inside_is_untouched() -> None:
     method = Bounded(EKF(), lower=0.0, upper=1.0, feedback=False)
     plain = run_jit(EKF(), *arguments)[2]
     _, infos, last = run_jit(method, *arguments)
-    np.testing.assert_array_equal(last.gaussian.mean, plain.gaussian.mean)
+    # another program, compiled otherwise: the same to rounding
+    np.testing.assert_allclose(last.gaussian.mean, plain.gaussian.mean, rtol=1e-10, atol=1e-13)
     assert not (infos.reason == Reason.PROJECTED).any()
 
 

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from roadstate.core.gaussian import Gate, Gaussian, Info, Reason
-from roadstate.linalg import beside, correct, product, tria
+from roadstate.linalg import correct, product, tria
 from roadstate.statespace import StateSpaceModel
 
 T = TypeVar("T")
@@ -38,13 +38,13 @@ class Moved(NamedTuple):
         mean: (n,) x̂⁺.
         before: (n, k) X.
         after: (n, k) X⁺, what becomes of the same columns.
-        noise: (n, q) N: √Q, and what f adds that is uncorrelated with x.
+        noise: N, blocks of n rows: √Q, and what f adds that is uncorrelated with x.
     """
 
     mean: Float[Array, " n"]
     before: Float[Array, "n k"]
     after: Float[Array, "n k"]
-    noise: Float[Array, "n q"]
+    noise: tuple[Float[Array, "n _"], ...]
 
 
 class GateRule(eqx.Module):
@@ -182,7 +182,7 @@ class GaussianFilter(Filter[FilterState]):
     ) -> FilterState:
         """Time update."""
         moved = self.move(model, state.gaussian, u, dt)
-        return FilterState(Gaussian(moved.mean, tria(beside(moved.after, moved.noise))), state.rejected)
+        return FilterState(Gaussian(moved.mean, tria(moved.after, *moved.noise)), state.rejected)
 
     def posterior(self, state: FilterState) -> Gaussian:
         """The Gaussian held."""

@@ -34,7 +34,7 @@ class KF(GaussianFilter):
         mean, factor = gaussian.mean, gaussian.factor
         u = once(u)
         moved, F, noise = once((model.f(mean, u, dt), jax.jacfwd(model.f)(mean, u, dt), model.sqrt_Q(u, dt)))
-        return Moved(moved, factor, product(F, factor), noise)
+        return Moved(moved, factor, product(F, factor), (noise,))
 
     def update(
         self, model: StateSpaceModel, state: FilterState, u: Any, z: Float[Array, " m"]

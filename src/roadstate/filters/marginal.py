@@ -76,8 +76,7 @@ class MarginalUKF(UKF):
         """f at the points of the nonlinear states."""
         u = once(u)
         image = self._image(lambda x: model.f(x, u, dt), gaussian, _leading(model))
-        noise = jnp.concatenate([image.extra, model.sqrt_Q(u, dt)], axis=1)
-        return Moved(image.mean, gaussian.factor, image.rows, noise)
+        return Moved(image.mean, gaussian.factor, image.rows, (image.extra, model.sqrt_Q(u, dt)))
 
     def update(
         self, model: StateSpaceModel, state: FilterState, u: Any, z: Float[Array, " m"]

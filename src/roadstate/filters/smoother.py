@@ -158,8 +158,8 @@ def look_back(now: Gaussian, moved: Moved, later: Gaussian) -> Gaussian:
         moved: what the filter made of it.
         later: x⁺ given all samples.
     """
-    top = jnp.concatenate([moved.after, moved.noise], axis=1)
-    bottom = jnp.pad(moved.before, ((0, 0), (0, moved.noise.shape[1])))
+    top = jnp.concatenate([moved.after, *moved.noise], axis=1)
+    bottom = jnp.pad(moved.before, ((0, 0), (0, top.shape[1] - moved.before.shape[1])))
     upper, lower, rest = _reduce(top, bottom)
     # a zero pivot has a column of zeros: any number will do on the diagonal
     pivots = jnp.diagonal(upper)
@@ -195,11 +195,11 @@ def _reduce(
 
 def _or_no_step(moved: Moved, gaussian: Gaussian) -> Moved:
     finite = jnp.asarray(True)
-    for part in (moved.mean, moved.after, moved.noise):
+    for part in (moved.mean, moved.after, *moved.noise):
         finite &= jnp.all(jnp.isfinite(part))
     return Moved(
         mean=jnp.where(finite, moved.mean, gaussian.mean),
         before=moved.before,
         after=jnp.where(finite, moved.after, moved.before),
-        noise=jnp.where(finite, moved.noise, 0),
+        noise=tuple(jnp.where(finite, block, 0) for block in moved.noise),
     )

@@ -82,8 +82,7 @@ class UKF(GaussianFilter):
         """f at the sigma points; what the even parts hold is uncorrelated with x."""
         u = once(u)
         seen = self._image_of(lambda x: model.f(x, u, dt), gaussian)
-        noise = beside(seen.even.T, model.sqrt_Q(u, dt))
-        return Moved(seen.mean, gaussian.factor, seen.odd.T, noise)
+        return Moved(seen.mean, gaussian.factor, seen.odd.T, (seen.even.T, model.sqrt_Q(u, dt)))
 
     def update(
         self, model: StateSpaceModel, state: FilterState, u: Any, z: Float[Array, " m"]
