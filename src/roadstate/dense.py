@@ -55,10 +55,12 @@ def cholesky(A: Float[Array, "... n n"]) -> Float[Array, "... n n"]:
         row = _row(rest, j, keepdims=False)
         # before the pivot there is rounding, which spoils nothing that is still to be read
         row = row * (1 / jnp.sqrt(jax.lax.dynamic_index_in_dim(row, j, axis=-1)))
-        return rest - row[..., :, None] * row[..., None, :], _put(upper, row, j)
+        return rest - row[..., :n, None] * row[..., None, :], _put(upper, row, j)
 
-    upper = _over_rows(n, eliminate, (A, jnp.zeros_like(A)))[1]
-    return jnp.tril(jnp.swapaxes(upper, -1, -2))
+    # whole vectors: what is left over of a row would be taken one by one
+    wide = jnp.pad(A, [(0, 0)] * (A.ndim - 1) + [(0, -n % 4)])
+    upper = _over_rows(n, eliminate, (wide, jnp.zeros_like(wide)))[1]
+    return jnp.tril(jnp.swapaxes(upper[..., :n], -1, -2))
 
 
 def _upper(A: Float[Array, "... n n"]) -> Float[Array, "... n n"]:
