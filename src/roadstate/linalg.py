@@ -95,7 +95,9 @@ def _transposed(A: Array) -> Array:
 
 
 def _times_transposed(A: Array, B: Array) -> Array:
-    return product(A, once(_transposed(B)))
+    count = B.shape[-2]
+    wide = jnp.pad(_transposed(B), [(0, 0)] * (B.ndim - 1) + [(0, -count % 4)])
+    return once(product(A, once(wide)))[..., :count]
 
 
 def _diagonal(A: Array) -> Array:
