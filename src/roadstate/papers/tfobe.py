@@ -9,6 +9,7 @@ from roadstate.core import Estimates, Log
 from roadstate.estimators import Estimator, build
 from roadstate.metrics import evaluate
 from roadstate.papers.base import Build, Cell, Condition, Figure, Measure, Method, Paper
+from roadstate.papers.grade_bound import SIGNALS, least_rmse
 from roadstate.papers.tfobe_printed import PrintedSlope, PrintedTFOBE
 from roadstate.sim.manoeuvres import manoeuvre
 from roadstate.sim.manoeuvres.base import Manoeuvre
@@ -115,12 +116,24 @@ def _error(column: str) -> Measure:
     return measure
 
 
+def _bound(signals: Collection[str]) -> Callable[[Log, Vehicle], float]:
+    return lambda log, vehicle: least_rmse(log, as_fitted(vehicle), settle=SETTLED, signals=signals)
+
+
+_BOUNDS = {
+    "kmbe": _bound(("speed", "accel")),
+    "debe": _bound(("speed", "torque")),
+    "tfobe": _bound(SIGNALS),
+}
+"""For the signals that each method takes. That of a mean square: none for the mean error."""
+
+
 def _cells() -> tuple[Cell, ...]:
     return tuple(
-        Cell(table, method, column, "%", figures[i][j], drive, method, _error(column))
+        Cell(table, method, column, "%", figures[i][j], drive, method, _error(column), bound)
         for drive, (table, _, _, figures) in _DRIVES.items()
         for i, method in enumerate(_METHODS)
-        for j, column in enumerate(("MAE", "RMSE"))
+        for j, (column, bound) in enumerate((("MAE", None), ("RMSE", _BOUNDS[method])))
     )
 
 
