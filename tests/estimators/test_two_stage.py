@@ -246,7 +246,7 @@ def test_says_so_of_an_axle_on_which_nothing_acts(truck: Vehicle) -> None:
     e = estimates_of(truck, log)
     front, rear = (e.std[f"friction_peak_{p}"][-1] for p in ("front", "rear"))
     assert front > 0.1  # of each axle's own part, the prior
-    assert rear < 0.9 * front  # as far as a tire's stiffness tells its friction
+    assert rear < 0.95 * front  # as far as a tire's stiffness tells its friction, which is little
     for bound, sign in (("lower", -1), ("upper", 1)):
         away = sign * (e.values[f"friction_peak_front_{bound}"] - e.values["friction_peak_front"])[-1]
         assert away == pytest.approx(1.6449 * front)

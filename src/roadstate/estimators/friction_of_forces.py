@@ -13,8 +13,9 @@ from roadstate.estimators.friction_states import FrictionStates
 from roadstate.filters.base import FilterState
 from roadstate.filters.marginal import MarginalUKF
 from roadstate.filters.noise import WithNoise
-from roadstate.linalg import product, tria
+from roadstate.linalg import product, root, tria
 from roadstate.statespace import StateSpaceModel
+from roadstate.tires.smooth import safe_hypot
 
 YAW_NOISE = 0.05
 """rad/s/√s: what forces do not tell of ṙ."""
@@ -29,6 +30,8 @@ class ForcesInput(NamedTuple):
         sensor_std: (m,) 1σ of a sample's white noise.
         lasting_std: (m,) 1σ of white noise that would do as much harm as the errors that last.
         excited: (m,) whether a sensor's forces stand out of their own noise.
+        yaw_accel: rad/s², what is added to ṙ where r is integrated, and
+        yaw_std: 1σ of white noise that would do as much harm to it as all that is wrong with the forces.
     """
 
     shares: Float[Array, "3 5"]
@@ -36,6 +39,8 @@ class ForcesInput(NamedTuple):
     sensor_std: Float[Array, " m"]
     lasting_std: Float[Array, " m"]
     excited: Bool[Array, " m"]
+    yaw_accel: Float[Array, ""]
+    yaw_std: Float[Array, ""]
 
 
 class FrictionOfForces(FrictionStates):
@@ -55,9 +60,14 @@ class FrictionOfForces(FrictionStates):
         """a_x, a_y (specific forces) and ṙ."""
         return jnp.sum(u.shares[:, :4] * self.friction(x), axis=1) + u.shares[:, 4]
 
+    def f(self, x: Float[Array, " n"], u: ForcesInput, dt: Float[Array, ""]) -> Float[Array, " n"]:
+        """Friction stays; the yaw rate follows the forces."""
+        ahead = super().f(x, u, dt)
+        return ahead.at[-1].add(u.yaw_accel * dt) if "yaw_rate" in self.states else ahead
+
     def sqrt_Q(self, u: ForcesInput, dt: Float[Array, ""]) -> Float[Array, "n q"]:
-        """Random walks along the way."""
-        return self.wander(u.distance, dt, YAW_NOISE)
+        """Random walks along the way, and for the yaw rate what the forces get wrong."""
+        return self.wander(u.distance, dt, safe_hypot(jnp.asarray(YAW_NOISE), u.yaw_std * root(dt)))
 
     def sqrt_R(self, u: ForcesInput) -> Float[Array, "m m"]:
         """White noise of the sensors."""

@@ -107,6 +107,7 @@ class FrictionStates(StateSpaceModel):
         load: Float[Array, " 4"],
         *,
         is_proportional: bool,
+        mean: Float[Array, ""] | None = None,
     ) -> Float[Array, ""]:
         """1σ of the friction that a tire of other stiffness would feign, as a share of it.
 
@@ -122,6 +123,7 @@ class FrictionStates(StateSpaceModel):
             used: (4,) force over μ F_z, of each wheel.
             load: (4,) of the wheels that count, N; 0 leaves one out.
             is_proportional: whether the tire model's force is proportional to friction.
+            mean: of what friction the prior is a share at most; default the prior's mean.
         """
         used = jnp.clip(used, 0.0, 1.0)
         theta = 1 - jnp.cbrt(1 - used + _TINY)
@@ -129,7 +131,7 @@ class FrictionStates(StateSpaceModel):
         off = jnp.sqrt(_STIFFNESS**2 + ((1 - ratio) ** 2 if is_proportional else 0.0))
         error = off * (1 - psi) / (psi + _FAINTEST)
         weight = load * used**2 + _TINY
-        most = jnp.sqrt(jnp.sum(self.std**2)) / self.mean
+        most = jnp.sqrt(jnp.sum(self.std**2)) / (self.mean if mean is None else mean)
         return jnp.minimum(jnp.sum(weight * error) / jnp.sum(weight), most)
 
 

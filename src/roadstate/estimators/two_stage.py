@@ -324,9 +324,10 @@ class TwoStage(Estimator[TwoStageState]):
         for doubt, (_, wheels) in zip(state.tire, self.groups, strict=True):
             weights = mean_weights(of_wheel, wheels, before.mean)
             counts = jnp.asarray([float(i in wheels) for i in range(4)])
-            ratio = weights @ before.mean / self.file_friction
+            now = jnp.maximum(weights @ before.mean, _LEAST_FRICTION)
+            ratio = now / self.file_friction
             proportional = isinstance(vehicle.tire, NormalizedDugoff)
-            error = self.model.tire_error(ratio, used, counts * load, is_proportional=proportional)
+            error = self.model.tire_error(ratio, used, counts * load, is_proportional=proportional, mean=now)
             found.append(doubt + share_learned(before, after, walk, weights) * (error - doubt))
         return jnp.stack(found)
 
@@ -366,7 +367,7 @@ class TwoStage(Estimator[TwoStageState]):
         nothing = jnp.zeros(3, normalized.dtype)
         if not self.takes_direct:
             excited = jnp.ones(3, bool)
-            return ForcesInput(shares, distance, self.sensor_noise, nothing, excited), nothing
+            return ForcesInput(shares, distance, self.sensor_noise, nothing, excited, *nothing[:2]), nothing
         twice = jnp.concatenate([friction, friction])
 
         def spread(columns: Float[Array, "8 k"]) -> Float[Array, " 3"]:
@@ -380,9 +381,19 @@ class TwoStage(Estimator[TwoStageState]):
         is_rate = np.array([s == "yaw_rate" for s in self.sensors])
         density = jnp.asarray([True, True, False])
         sensors = self.sensor_noise / jnp.where(density, jnp.sqrt(step), 1.0)
-        white = jnp.sqrt(sensors**2 + jnp.where(is_rate, 0.0, spread(direct.white)))
+        # a yaw rate is integrated from the forces, so that their errors are not the sensor's
+        own = jnp.where(is_rate, 0.0, sensors)
+        white = jnp.sqrt(own**2 + spread(direct.white))
         errors = 2 * (lasting * _ERROR_TIME + self.bias**2 * _BIAS_TIME) / step
-        errors = jnp.where(is_rate, 0.0, doubt * errors + (doubt - 1) * white**2)
+        errors = doubt * errors + (doubt - 1) * white**2
         moved = jnp.sum(effects * (twice * (direct.force - normalized)), axis=1)
-        u = ForcesInput(shares, distance, white, root(errors), doubt < 2)
+        u = ForcesInput(
+            shares=shares,
+            distance=distance,
+            sensor_std=jnp.where(is_rate, sensors, white),
+            lasting_std=jnp.where(is_rate, 0.0, root(errors)),
+            excited=doubt < 2,
+            yaw_accel=moved[2],
+            yaw_std=root(white[2] ** 2 + errors[2]),
+        )
         return u, jnp.where(is_rate, 0.0, moved)
