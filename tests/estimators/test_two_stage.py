@@ -12,7 +12,9 @@ import pytest
 from numpy.typing import NDArray
 
 from roadstate.core import WHEELS, InputError, Log, Validity, reference
+from roadstate.core.constants import GRAVITY
 from roadstate.estimators import build
+from roadstate.estimators.contact import Contact
 from roadstate.estimators.force_filter import ForceInput, ForceModel
 from roadstate.estimators.friction import normalized_tire
 from roadstate.filters import KF, ExtendedHInfinity
@@ -56,10 +58,14 @@ def drive(
     rate: float = 100.0,
     seconds: float = 12.0,
     steers: bool = True,
+    brakes: float = 0.0,
     tire: str = "normalized_dugoff",
     friction: float = FRICTION,
 ) -> Log:
-    """The planar model under rear slip and a weaving steer, by Runge and Kutta, without any noise."""
+    """The planar model under rear slip and a weaving steer, by Runge and Kutta, without any noise.
+
+    ``brakes`` is the slip of all wheels instead, every other 0.75 s, from 20 m/s.
+    """
     car = ThreeDof.from_vehicle(
         truck,
         normalized_tire(truck, tire),
@@ -73,6 +79,9 @@ def drive(
     def inputs(t: Any) -> Any:
         steer = (0.06 * jnp.sin(2.0 * t) if steers else 0.0) * jnp.clip(t - 1, 0, 1)
         rear = 0.012 + 0.004 * jnp.sin(1.3 * t)
+        if brakes:
+            front = rear = -brakes * jnp.clip((t % 1.5 - 0.75) / 0.1, 0, 1)
+            return jnp.stack([steer, front, front, front, rear, rear])
         return jnp.stack([steer, 0.0 * t, 0.0 * t, 0.0 * t, rear, rear])
 
     def step(x: Any, k: Any) -> tuple[Any, Any]:
@@ -95,7 +104,7 @@ def drive(
             row[f"ref_friction_{w}"] = jnp.asarray(friction)
         return jax.lax.scan(substep, x, jnp.arange(inner))[0], row
 
-    start = jnp.asarray([12.0, 0.0, 0.0])
+    start = jnp.asarray([20.0 if brakes else 12.0, 0.0, 0.0])
     rows = jax.jit(lambda: jax.lax.scan(step, start, jnp.arange(count))[1])()
     return Log(np.arange(count) / rate, {name: np.asarray(v, float) for name, v in rows.items()})
 
@@ -106,7 +115,9 @@ def exact(truck: Vehicle) -> Log:
 
 
 def estimates_of(truck: Vehicle, log: Log, **options: Any) -> Any:
-    return scan(build("two-stage", truck, log.available, **{"direct": True, **options}), log)
+    return scan(
+        build("two-stage", truck, log.available, **{"direct": True, "relaxes": False, **options}), log
+    )
 
 
 def noisy(log: Log, louder: float = 1.0, seed: int = 0) -> Log:
@@ -224,7 +235,7 @@ def test_without_theta_it_is_a_kalman_filter() -> None:
 def test_learns_how_noisy_the_sensors_are(truck: Vehicle, exact: Log, louder: float) -> None:
     """With three times the noise the variance of what a sample says is nine times as large."""
     log = noisy(exact, louder)
-    estimator = build("two-stage", truck, log.available, direct=True)
+    estimator = build("two-stage", truck, log.available, direct=True, relaxes=False)
     samples = {c: jnp.asarray(log[c]) for c in estimator.channels}
     dt = jnp.asarray(np.diff(log.time, prepend=0.0))
 
@@ -250,6 +261,58 @@ def test_says_so_of_an_axle_on_which_nothing_acts(truck: Vehicle) -> None:
     for bound, sign in (("lower", -1), ("upper", 1)):
         away = sign * (e.values[f"friction_peak_front_{bound}"] - e.values["friction_peak_front"])[-1]
         assert away == pytest.approx(1.6449 * front)
+
+
+@pytest.mark.parametrize("friction", [0.2, 0.5, 0.8])
+def test_near_the_limit_it_is_certain_and_right(truck: Vehicle, friction: float) -> None:
+    """Brakes at a slip that asks for more than there is; the same at a fifth of it is no proof."""
+    log = noisy(drive(truck, seconds=1.8 / friction, steers=False, brakes=0.3, friction=friction))
+    assert np.abs(log["accel_x"]).max() / GRAVITY > 0.95 * friction
+    e = estimates_of(truck, log)
+    certain = e.validity == int(Validity.EXCITED)
+    assert certain.mean() > 0.03
+    error = np.abs(e.values["friction_peak"] - friction)[certain]
+    assert error.mean() < 0.08 * friction
+    assert (error < 1.6449 * e.std["friction_peak"][certain]).mean() > 0.9
+    gentle = drive(truck, seconds=1.8 / friction, steers=False, brakes=0.02, friction=friction)
+    assert not (estimates_of(truck, noisy(gentle)).validity == int(Validity.EXCITED)).any()
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.004, -0.004])
+def test_errors_of_forces_do_not_draw_friction_to_zero_through_the_yaw_rate(
+    truck: Vehicle, exact: Log, offset: float
+) -> None:
+    """Without a measured yaw acceleration the yaw rate is integrated from moments that nearly cancel."""
+    log = noisy(exact).with_channels({"steer": noisy(exact)["steer"] + offset})
+    log = log.select([c for c in log.channels if c != "yaw_accel"])
+    e, late = estimates_of(truck, log), exact.time > 4
+    for place in ("front", "rear"):
+        error = np.abs(e.values[f"friction_peak_{place}"][late] - FRICTION)
+        assert error.mean() < 0.15 * FRICTION, place
+        assert (error < 1.6449 * e.std[f"friction_peak_{place}"][late]).mean() > 0.95, place
+
+
+def test_lateral_forces_come_after_the_relaxation_length(truck: Vehicle, exact: Log) -> None:
+    """At a constant slip angle 1 − e⁻ˢ of the force is there after s lengths; without one, all of it."""
+    for relaxes in (True, False):
+        forces = build(
+            "two-stage", truck, exact.available, direct=True, smooths=False, relaxes=relaxes
+        ).forces
+        still = Contact(
+            velocity=jnp.asarray([10.0, 0.0, 0.0]),
+            steer=jnp.asarray(0.02),
+            wheel_speed=jnp.full(4, 10.0 / truck.wheels.radius),
+            accel=jnp.zeros(2),
+            std=jnp.full(7, 0.01),
+            age=jnp.zeros(()),
+        )
+        state, dt = forces.init(), jnp.asarray(0.006)
+        for _ in range(10):  # 0.6 m
+            _, state, *_ = forces.step(state, still, None, jnp.full(4, FRICTION), dt)
+        steady = forces.direct(still, jnp.full(4, FRICTION)).force
+        built = 1 - np.exp(-0.6 / truck.tires.relaxation_length) if relaxes else 1.0
+        np.testing.assert_allclose(forces.forces(state)[4:6], built * steady[4:6], rtol=1e-6)
+        assert abs(steady[4]) > 1e3
 
 
 def test_the_rate_of_the_log_does_not_matter(truck: Vehicle, exact: Log) -> None:

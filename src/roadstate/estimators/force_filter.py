@@ -128,12 +128,14 @@ class ForceState(NamedTuple):
         share: (8,) as of :class:`Direct`.
         lasting: (12,) 1σ in F⁰ (N) of that part of the error that does not average out: of the wheels' F_x
             and F_y, then of the axles' (F_x front and rear, F_y front and rear).
+        lagged: (4,) the wheels' F_y, as late as tires build them up, N.
     """
 
     filters: HInfinityState
     push: Float[Array, " 8"]
     share: Float[Array, " 8"]
     lasting: Float[Array, " 12"]
+    lagged: Float[Array, " 4"]
 
 
 class ForceFilter(eqx.Module):
@@ -156,6 +158,8 @@ class ForceFilter(eqx.Module):
         motion: (8,) intensity of the random walk of a channel's rate, in loads, 1/s/√s.
         step_std: (8,) 1σ of a channel's random walk over one step, whatever its length, N (the paper's √Q).
         sample_std: (8,) 1σ of a channel's sample, N (the paper's √R); ``None`` has it from the sensors.
+        relaxation: (4,) length after which a wheel's lateral force has come to 1 − 1/e of what its slip angle
+            asks for, m: Ḟ = (v/σ)(F(α) − F) (Pacejka, *Tire and Vehicle Dynamics*, §7.2); 0 for no lag.
         smooths: false hands on what the tire model says.
     """
 
@@ -169,13 +173,14 @@ class ForceFilter(eqx.Module):
     motion: Float[Array, " 8"]
     step_std: Float[Array, " 8"]
     sample_std: Float[Array, " 8"] | None
+    relaxation: Float[Array, " 4"]
     smooths: bool = eqx.field(static=True, default=True)
 
     def init(self) -> ForceState:
         """No force."""
         start = jax.vmap(lambda each: each.init(self.channel))(self.filters)
         lasting = jnp.concatenate([self.load, self.load, jnp.tile(axle_sums(self.load), 2)])
-        return ForceState(start, jnp.zeros(8), jnp.ones(8), lasting)
+        return ForceState(start, jnp.zeros(8), jnp.ones(8), lasting, jnp.zeros(4))
 
     def step(
         self,
@@ -223,13 +228,23 @@ class ForceFilter(eqx.Module):
         else:
             filters, ok = _replaced(ahead, sample, std), jnp.asarray(True)
         lasting = _lasting(direct.lasting)
+        built = -jnp.expm1(-jnp.abs(contact.velocity[0]) * dt / jnp.maximum(self.relaxation, _TINY))
+
+        def late(F_y: Float[Array, " 4"]) -> Float[Array, " 4"]:
+            return state.lagged + built * (F_y - state.lagged)
+
         new = ForceState(
             filters,
             push,
             jnp.where(moves, direct.share, state.share),
             jnp.where(moves, lasting, jnp.maximum(lasting, state.lasting)),
+            late(_wheels(filters)[4:]),
         )
-        return state._replace(filters=ahead), new, direct, ok
+        direct = direct._replace(
+            force=direct.force.at[4:].set(late(direct.force[4:])),
+            white=direct.white.at[4:].multiply(built[:, None]),
+        )
+        return state._replace(filters=ahead, lagged=late(_wheels(ahead)[4:])), new, direct, ok
 
     def direct(self, contact: Contact, friction: Float[Array, " 4"]) -> Direct:
         """F⁰ of the tire model, straight from the sensors; arguments as :meth:`step`."""
@@ -265,7 +280,7 @@ class ForceFilter(eqx.Module):
 
     def forces(self, state: ForceState) -> Float[Array, " 8"]:
         """(8,) F⁰ of the wheels, F_x then F_y, N."""
-        return from_channels(state.filters.kalman.gaussian.mean[:, 0])
+        return _wheels(state.filters).at[4:].set(state.lagged)
 
     def channel_std(self, state: ForceState) -> Float[Array, " 8"]:
         """(8,) 1σ of the channels as the filters say, N."""
@@ -273,12 +288,16 @@ class ForceFilter(eqx.Module):
 
     def everywhere(self, state: ForceState) -> tuple[Float[Array, " 12"], Float[Array, " 12"]]:
         """F⁰ and its 1σ, N: the wheels' F_x and F_y, then the axles' (F_x front, rear, F_y front, rear)."""
-        channels = state.filters.kalman.gaussian.mean[:, 0]
+        wheels = self.forces(state)
         variance = self.channel_std(state) ** 2
         both = 0.5 * (variance[0::2] + variance[1::2])
         std = jnp.sqrt(jnp.concatenate([jnp.repeat(both, 2), 2 * variance[0::2]]))
-        values = jnp.concatenate([from_channels(channels), np.sqrt(2) * channels[0::2]])
+        values = jnp.concatenate([wheels, axle_sums(wheels[:4]), axle_sums(wheels[4:])])
         return values, jnp.hypot(std, state.lasting)
+
+
+def _wheels(filters: HInfinityState) -> Float[Array, " 8"]:
+    return from_channels(filters.kalman.gaussian.mean[:, 0])
 
 
 def axle_sums(wheels: Float[Array, "... 4"]) -> Float[Array, "... 2"]:

@@ -46,7 +46,6 @@ if TYPE_CHECKING:
 _ERROR_TIME = 0.3  # s: how long what is not white noise lasts
 _BIAS_TIME = 1.0  # s: the same of the accelerometers' bias, whose share in a drive's forces changes
 _TIRE_SHARE = 0.1  # 1σ of a tire model's force, as a share of it
-_YAW_TIME = 0.3  # s over which the yaw rate is smoothed
 _SILENT = 1.0  # s without what the contact is made of after which nothing is known
 _KNOWN = 0.15  # 1σ over μ up to which friction counts as determined
 _LEAST_FRICTION = 0.02
@@ -283,7 +282,9 @@ class TwoStage(Estimator[TwoStageState]):
             told = sample["yaw_accel"]
             seen = jnp.isfinite(told)
             yaw_accel, yaw_std = jnp.where(seen, told, yaw_accel), jnp.where(seen, noise[2], yaw_std)
-        gain = jnp.where(state.yaw_rate.age < STALE, -jnp.expm1(-step / _YAW_TIME), 1.0)
+        # of a Kalman filter: with white noise on r and on ṙ its time constant is the quotient of both
+        noisy = jnp.maximum(self.forces.white_std[7], _TINY)
+        gain = jnp.where(state.yaw_rate.age < STALE, -jnp.expm1(-step * yaw_std / noisy), 1.0)
         ahead = state.yaw_rate.value + yaw_accel * dt
         yaw_rate = state.yaw_rate.take(ahead + gain * (sample["yaw_rate"] - ahead), dt)
         spread = root(0.5 * gain * self.forces.white_std[7] ** 2 + (yaw_std * step) ** 2 / (2 * gain))

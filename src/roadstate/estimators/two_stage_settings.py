@@ -44,6 +44,8 @@ class Settings(NamedTuple):
         adapts: false keeps the second stage's R.
         direct: read v_x and v_y as measured, where they are, and free nothing of pitch and roll.
         steer_std: 1σ of the mean road-wheel angle, rad: in all (offset and compliance too), and white noise.
+        relaxes: whether lateral forces follow slip angles after the file's relaxation length, as real tires'
+            do; the paper's follow at once.
         known_friction: μ taken for known when forces are given, F = μ F⁰; ``None`` takes the estimated one.
     """
 
@@ -62,11 +64,24 @@ class Settings(NamedTuple):
     adapts: bool = True
     direct: bool = False
     steer_std: tuple[float, float] = (STEER_STD, 5e-4)
+    relaxes: bool = True
     known_friction: float | None = None
 
 
 PRINTED = Settings(
-    "four", 1.0, 0.0, 1.0, 0.0, 0.0, 0.1, 1.0, gamma=3.2, motion=(0.0, 0.0, 0.0), rate_time=1.0, direct=True
+    "four",
+    1.0,
+    0.0,
+    1.0,
+    0.0,
+    0.0,
+    0.1,
+    1.0,
+    gamma=3.2,
+    motion=(0.0, 0.0, 0.0),
+    rate_time=1.0,
+    direct=True,
+    relaxes=False,
 )
 """Paper 000, which prints R and Q of the first stage alone."""
 _PRINTED_STD = (10.0**0.5,) * 4 + (1.0,) * 4  # √R of the first stage (§3.1), N
@@ -98,6 +113,7 @@ def first_stage(
         motion=jnp.asarray(np.repeat(np.array(chosen.motion)[[0, 0, 1, 2]], 2)),
         step_std=jnp.full(8, _PRINTED_WALK if as_printed else 0.0),
         sample_std=jnp.asarray(np.array(_PRINTED_STD)) if as_printed else None,
+        relaxation=jnp.full(4, vehicle.tires.relaxation_length if chosen.relaxes else 0.0),
         smooths=chosen.smooths,
     )
 

@@ -60,8 +60,10 @@ _BEST: dict[str, Any] = {
     "shared_walk": 1e-3,
     "own_walk": 3e-4,
     "steer_std": (_STEER, _STEER),
+    "relaxes": False,
 }
-"""Of test-car sensors: the steering angle has no offset, and the road stays nearly what it is."""
+"""Of test-car sensors: the steering angle has no offset, the road stays nearly what it is, and forces follow
+slip angles at once, as the paper's do."""
 _LABORATORY = {"velocity_y", "yaw_accel"}
 """Channels that only a test car or a simulator has."""
 
