@@ -286,7 +286,9 @@ class TwoStage(Estimator[TwoStageState]):
         noisy = jnp.maximum(self.forces.white_std[7], _TINY)
         gain = jnp.where(state.yaw_rate.age < STALE, -jnp.expm1(-step * yaw_std / noisy), 1.0)
         ahead = state.yaw_rate.value + yaw_accel * dt
-        yaw_rate = state.yaw_rate.take(ahead + gain * (sample["yaw_rate"] - ahead), dt)
+        away = sample["yaw_rate"] - ahead
+        here = jnp.isfinite(away)  # a gain times NaN would spoil its derivative
+        yaw_rate = state.yaw_rate.take(jnp.where(here, ahead + gain * jnp.where(here, away, 0), jnp.nan), dt)
         spread = root(0.5 * gain * self.forces.white_std[7] ** 2 + (yaw_std * step) ** 2 / (2 * gain))
         rate = [contact.accel[0] + v[1] * v[2], contact.accel[1] - v[0] * yaw_rate.value, yaw_accel]
         std = jnp.stack([accel, jnp.hypot(accel, v[0] * spread), yaw_std])
@@ -388,13 +390,7 @@ class TwoStage(Estimator[TwoStageState]):
         errors = 2 * (lasting * _ERROR_TIME + self.bias**2 * _BIAS_TIME) / step
         errors = doubt * errors + (doubt - 1) * white**2
         moved = jnp.sum(effects * (twice * (direct.force - normalized)), axis=1)
-        u = ForcesInput(
-            shares=shares,
-            distance=distance,
-            sensor_std=jnp.where(is_rate, sensors, white),
-            lasting_std=jnp.where(is_rate, 0.0, root(errors)),
-            excited=doubt < 2,
-            yaw_accel=moved[2],
-            yaw_std=root(white[2] ** 2 + errors[2]),
-        )
+        sensor_std, lasting_std = jnp.where(is_rate, sensors, white), jnp.where(is_rate, 0.0, root(errors))
+        yaw_std = root(white[2] ** 2 + errors[2])
+        u = ForcesInput(shares, distance, sensor_std, lasting_std, doubt < 2, moved[2], yaw_std)
         return u, jnp.where(is_rate, 0.0, moved)
