@@ -21,6 +21,7 @@ from roadstate.filters import KF, UKF, Filter
 from roadstate.filters.marginal import MarginalUKF
 from roadstate.filters.particle import ParticleFilter
 from roadstate.filters.weighted import deviations
+from roadstate.run.batch import PER_PROCESSOR
 
 LOGS = 256
 
@@ -104,7 +105,7 @@ def batch(problem: Problem, marginal: bool = False, logs: int = LOGS) -> Program
     ]
     each = jax.block_until_ready(each)
     run, dt = jit_loop(_scan), jnp.asarray(problem.dt)
-    threads = os.cpu_count() or 1
+    threads = PER_PROCESSOR * (os.cpu_count() or 1)
     pool = ThreadPoolExecutor(threads)
     compiled = False
 

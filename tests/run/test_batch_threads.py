@@ -18,7 +18,7 @@ rng = np.random.default_rng(0)
 wheels = {f"wheel_speed_{w}": 60 + rng.normal(0, 0.1, time.size) for w in ("fl", "fr", "rl", "rr")}
 log = Log(time, {"accel_x": rng.normal(0, 0.05, time.size), **wheels}, {})
 estimator = build("kmbe", load_vehicle("family-car"), log.available)
-for workers in (2, 4):
+for workers in (2, 4, 8):
     said = batch(estimator, [log] * 64, memory=2**20, workers=workers)
     assert len(said) == 64 and all(np.isfinite(e.values["grade"]).all() for e in said)
 """

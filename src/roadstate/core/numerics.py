@@ -29,8 +29,9 @@ _LOOP_OPTIONS: dict[str, bool | str | int] = {
 }
 
 # XLA's factorisations wait, on a thread of its pool, for others of that pool. When several programs run at
-# once (run.batch) and each waits like this, a pool of one thread a core has none left: all wait for ever.
-os.environ.setdefault("NPROC", str(2 * (os.cpu_count() or 1)))
+# once (run.batch has two a core) and each waits like this, a pool of one thread a program has none left: all
+# wait for ever.
+os.environ.setdefault("NPROC", str(4 * (os.cpu_count() or 1)))
 
 # float64 is the default here: a grade from two nearly equal accelerations wants the digits. Whoever sets
 # JAX_ENABLE_X64 decides for themselves.

@@ -21,6 +21,9 @@ from roadstate.run.chunk import CHUNK, Row, cut, inputs, kept, scan_steps, start
 from roadstate.run.scan import scan
 
 _BUDGET = 512 * 2**20
+PER_PROCESSOR = 2
+"""Threads for each processor: while one waits for XLA to take its program over, or to give it back, another's
+runs."""
 _ROW = 32  # numbers that a step's row may be taken to have, for the memory budget
 
 
@@ -59,7 +62,7 @@ def batch(
         logs: of any lengths; groups are of similar lengths.
         together: logs of a group; default 1 on a CPU, elsewhere as many as fit the memory budget.
         memory: bytes that the samples and rows of the chunks at work may take.
-        workers: threads; default one for each processor.
+        workers: threads; default :data:`PER_PROCESSOR` for each processor.
         progress: called with (logs done, logs) after every group.
 
     Raises:
@@ -74,7 +77,7 @@ def batch(
     kinds = [eqx.partition(e, eqx.is_array)[1] for e in each]
     if any(kind != kinds[0] for kind in kinds):
         raise InputError("the estimators are not built alike", mend="build them for the same channels")
-    workers = min(workers or os.cpu_count() or 1, len(logs))
+    workers = min(workers or PER_PROCESSOR * (os.cpu_count() or 1), len(logs))
     per_log = CHUNK * (len(each[0].channels) + 1 + _ROW) * 8
     if together is None and jax.default_backend() == "cpu":
         together = 1
