@@ -21,6 +21,8 @@ from roadstate.core.kernel import once
 T = TypeVar("T")
 _WRITTEN_OUT = 16
 """Up to this many rows a factorisation is written out at trace time, without what is known to be zero."""
+LANES = 4
+"""Numbers that XLA's loops for a CPU take at once, in double precision."""
 _UNROLLED = 8
 """Up to this many rows a loop over them is unrolled at trace time."""
 _AT_ONCE = 3
@@ -58,7 +60,7 @@ def cholesky(A: Float[Array, "... n n"]) -> Float[Array, "... n n"]:
         return rest - row[..., :n, None] * row[..., None, :], _put(upper, row, j)
 
     # whole vectors: what is left over of a row would be taken one by one
-    wide = jnp.pad(A, [(0, 0)] * (A.ndim - 1) + [(0, -n % 4)])
+    wide = jnp.pad(A, [(0, 0)] * (A.ndim - 1) + [(0, -n % LANES)])
     upper = _over_rows(n, eliminate, (wide, jnp.zeros_like(wide)))[1]
     return jnp.tril(jnp.swapaxes(upper[..., :n], -1, -2))
 

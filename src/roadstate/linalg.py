@@ -96,7 +96,7 @@ def _transposed(A: Array) -> Array:
 
 def _times_transposed(A: Array, B: Array) -> Array:
     count = B.shape[-2]
-    wide = jnp.pad(_transposed(B), [(0, 0)] * (B.ndim - 1) + [(0, -count % 4)])
+    wide = jnp.pad(_transposed(B), [(0, 0)] * (B.ndim - 1) + [(0, -count % dense.LANES)])
     return once(product(A, once(wide)))[..., :count]
 
 
