@@ -44,18 +44,15 @@ def _moments(filter_: Filter[Any], state: Any) -> Any:
     return jnp.concatenate([now.mean, now.std])
 
 
-def _step(filter_: Filter[Any], system: Any, layout: Layout, packed: Any, row: Any, dt: Any) -> Any:
+def _step(filter_: Filter[Any], system: Any, state: Any, row: Any, dt: Any) -> tuple[Any, Any]:
     m = len(system.sensors)
-    state, _ = filter_.step(system, layout.unpack(packed), row[:-m], row[-m:], dt)
-    return layout.pack(state), _moments(filter_, state)
+    state, _ = filter_.step(system, state, row[:-m], row[-m:], dt)
+    return state, _moments(filter_, state)
 
 
 def _scan(filter_: Filter[Any], system: Any, layout: Layout, packed: Any, rows: Any, dt: Any) -> Any:
-    m = len(system.sensors)
-
-    def body(state: Any, row: Any) -> Any:
-        state, _ = filter_.step(system, state, row[:-m], row[-m:], dt)
-        return state, _moments(filter_, state)
+    def body(state: Any, row: Any) -> tuple[Any, Any]:
+        return _step(filter_, system, state, row, dt)
 
     return jax.lax.scan(body, layout.unpack(packed), rows)[1]
 
@@ -136,7 +133,8 @@ def stream(problem: Problem) -> Program:
 
     def step(arrays: list[Any], packed: Any, row: Any) -> Any:
         own, what = eqx.combine(jax.tree.unflatten(structure, arrays), static)
-        return _step(own, what, layout, packed, row[1:], row[0])
+        state, moments = _step(own, what, layout.unpack(packed), row[1:], row[0])
+        return layout.pack(state), moments
 
     run = jax.jit(one_kernel(step), compiler_options=loop_options())
 

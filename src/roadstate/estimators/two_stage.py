@@ -370,7 +370,8 @@ class TwoStage(Estimator[TwoStageState]):
         nothing = jnp.zeros(3, normalized.dtype)
         if not self.takes_direct:
             excited = jnp.ones(3, bool)
-            return ForcesInput(shares, distance, self.sensor_noise, nothing, excited, *nothing[:2]), nothing
+            exact = jnp.zeros((), normalized.dtype)
+            return ForcesInput(shares, distance, self.sensor_noise, nothing, excited, exact, exact), nothing
         twice = jnp.concatenate([friction, friction])
 
         def spread(columns: Float[Array, "8 k"]) -> Float[Array, " 3"]:

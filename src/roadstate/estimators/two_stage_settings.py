@@ -69,14 +69,14 @@ class Settings(NamedTuple):
 
 
 PRINTED = Settings(
-    "four",
-    1.0,
-    0.0,
-    1.0,
-    0.0,
-    0.0,
-    0.1,
-    1.0,
+    grouping="four",
+    mean=1.0,
+    shared_std=0.0,
+    own_std=1.0,
+    shared_walk=0.0,
+    own_walk=0.0,
+    step_std=0.1,
+    sensor_std=1.0,
     gamma=3.2,
     motion=(0.0, 0.0, 0.0),
     rate_time=1.0,
