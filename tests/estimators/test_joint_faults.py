@@ -279,6 +279,19 @@ def test_wheels_that_do_not_roll(run: Run, turn: Turn, what: str) -> None:
     sound(said, 0.06)
 
 
+def test_wheels_that_roll_are_believed_against_those_that_spin_for_long(run: Run, turn: Turn) -> None:
+    """On ice, traction control lets the driven axle spin again and again, for many seconds."""
+    speed = 5 + 0.7 * TIME
+    straight = turn(speed, 0.0 * TIME)
+    ahead = np.where(TIME > 4, 0.12 * (1 - np.cos(2 * np.pi * (TIME - 4) / 1.2)), 0.0)
+    spinning = {spin: straight[spin] * (1 + ahead) for spin in SPINS[:2]}
+    said = run(straight.with_channels(spinning | {"speed": np.full(len(TIME), np.nan)}))
+    assert not any("contradicts what" in f for f in named(said))
+    off = said.values["speed"] / speed - 1
+    assert np.abs(off[TIME > 4]).max() < 0.01
+    assert (np.abs(off) * speed < 3 * said.std["speed"])[TIME > 1].all()
+
+
 def test_countersteering_is_no_swapped_sign(run: Run, bends: Log) -> None:
     """A slide: the car turns left, the driver steers right, and all else goes on."""
     slides = (TIME > 6.4) & (TIME < 8.6)

@@ -43,6 +43,7 @@ _WHEEL = (0.15, 0.01)  # m/s; share of the speed
 _HELD = 0.08  # torque over load that any road holds: a wheel under more may spin or lock
 _BACKWARD = 0.3  # share of the speed by which a wheel turns backward that cannot
 _ROLLS = (2.0, 0.15)  # m/s, and share of the speed, by which a wheel that rolls may differ from it
+_HOLDS = (0.5, 0.03)  # m/s, and share of the speed, by which one under torque may, to be a witness
 _SPEED = (0.4, 0.02)  # m/s, and share
 
 
@@ -100,7 +101,7 @@ class Redundancy(eqx.Module):
 
     Speed, each wheel R ω cos δ ± r T/2 against the others and a speed signal. A wheel under a torque that
     some road would not hold may spin or lock, which is no fault of its sensor, and then has not to answer for
-    it; but no torque makes it turn backward.
+    it, nor is it a witness against wheels that roll; but no torque makes it turn backward.
 
     Attributes:
         radius: rolling radius, m.
@@ -233,7 +234,7 @@ class Redundancy(eqx.Module):
             [
                 jnp.stack(along_known),
                 jnp.concatenate(turning_known) & moves,
-                has_spin & moves & (free | rolls),
+                has_spin & moves & (free | (away < _HOLDS[0] + _HOLDS[1] * jnp.abs(speed))),
                 ((signal.age < STALE) & moves)[None],
             ]
         )

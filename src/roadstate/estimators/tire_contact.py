@@ -123,10 +123,11 @@ class TireContact(eqx.Module):
         away = jnp.abs(rim - speed - accel * dt)
         away = jnp.maximum(away - _RUNAWAY[0] - 2 * spread, 0.0)
         gains = radius * seen.rate[SPIN] * turn + self.half_track * seen.rate[YAW_RATE]
-        outruns = jnp.maximum(jnp.abs(gains - accel) - _RACING[0] - 2 * unsure, 0.0)
+        apart = jnp.abs(gains - accel)
+        outruns = jnp.maximum(apart - _RACING[0] - 2 * unsure, 0.0)
         told = seen.age[SPIN] < STALE
         mean = jnp.sum(jnp.where(told, gains - accel, 0.0)) / jnp.maximum(jnp.sum(told), 1)
-        outruns = jnp.maximum(outruns, jnp.abs(mean) - _RACING[1] - 2 * unsure)
+        outruns = jnp.maximum(outruns, jnp.minimum(jnp.abs(mean), apart) - _RACING[1] - 2 * unsure)
         racing = jnp.maximum(outruns, state.racing * jnp.exp(-dt / _RACING[2]))
         slowest = jnp.min(jnp.where(told, rim, jnp.inf))
         fastest = jnp.max(jnp.where(told, rim, -jnp.inf))
