@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from roadstate.core.constants import GRAVITY
+from roadstate.estimators import slip_jump
 from roadstate.estimators.base import leaf
 from roadstate.estimators.friction_curve import TOP, Grip, bounded, elastic, theoretical_slip
 from roadstate.estimators.mixture import inherit, learn, moments
@@ -47,9 +48,9 @@ _ANGLE_ERROR = 0.002  # rad: 1σ of a slip angle, besides what v_y and the steer
 _ERROR_TIME = 0.05  # s: how long these errors last
 _SLIP_OFFSET = 0.003  # 1σ of a slip, of radii that differ
 _SLIP_ASIDE = 0.4  # 1σ of a slip, as a share of the slip angle: where a wheel heads is known that well
-_SLIP_TIME = (0.1, 1.0)  # s: how long errors of a slip last, its own and those that come from the speed
+_SLIP_TIME = (0.2, 1.0)  # s: how long errors of a slip last, its own and those that come from the speed
 _SLIP_KNOWN = 0.02  # 1σ of a slip up to which the curve is a line over its width
-_ANEW = (0.06, 0.5, 12.0)  # change of a force over load that tells anew, seen over s; else it does after s
+_ANEW = (0.06, 12.0)  # change of a force over load that tells anew; else it does after s
 # in series with the tire: shares of what the front axle is softer than the rear one, and of the rear one
 _GIVES = (0.5, 0.03)
 _LEAST_STEP = 1e-3
@@ -91,7 +92,8 @@ class BankState(NamedTuple):
         y: (2, m, J) of the left and the right side's wheels: logarithm of the slip stiffness' factor, the
             longitudinal shape's difference, and what front and rear wheel seem to slip when they roll.
         Y: (2, m, m, J) its covariance.
-        level: (10,) F_y/F_z of the axles, F_x/F_z of the wheels and what it were if it stayed linear, slowed.
+        level: (14,) F_y/F_z of the axles, F_x/F_z of the wheels, what it were if it stayed linear, and what
+            the wheels slip beyond their force, slowed.
     """
 
     log_weight: Float[Array, "7 J"]
@@ -99,7 +101,7 @@ class BankState(NamedTuple):
     P: Float[Array, "n n J"]
     y: Float[Array, "2 m J"]
     Y: Float[Array, "2 m m J"]
-    level: Float[Array, " 10"]
+    level: Float[Array, " 14"]
 
 
 class FrictionBank(eqx.Module):
@@ -161,7 +163,7 @@ class FrictionBank(eqx.Module):
             jnp.diag(self.motion.std**2)[:, :, None] * ones,
             jnp.zeros((2, _M, _COUNT)),
             jnp.broadcast_to(jnp.diag(self._along_std**2)[:, :, None], (2, _M, _M, _COUNT)),
-            jnp.zeros(10),
+            jnp.concatenate([jnp.zeros(10), jnp.full(4, slip_jump.NOTHING)]),
         )
 
     def step(
@@ -172,19 +174,17 @@ class FrictionBank(eqx.Module):
         x, P = self.motion.moved(mixed.x, mixed.P, touch, dt)
         # models err by where on the curve a tire works, so a sample counts anew as that changes
         linear = self._slip_stiffness * theoretical_slip(touch.slip)
-        told = jnp.concatenate([touch.across, touch.along, jnp.clip(linear, -1.0, 1.0)])
-        change = told - state.level
-        level = state.level - jnp.expm1(-dt / _ANEW[1]) * change
-        change = jnp.concatenate(
-            [jnp.abs(change[:2]), jnp.maximum(jnp.abs(change[2:6]), jnp.abs(change[6:]))]
-        )
-        anew = change / (_ANEW[0] * _ANEW[1]) + 1 / _ANEW[2]
+        slips = slip_jump.unexplained(touch, self._slip_stiffness)
+        told = jnp.concatenate([touch.across, touch.along, jnp.clip(linear, -1.0, 1.0), slips])
+        memory = jnp.where(state.level < slip_jump.NOTHING, state.level, told)
+        change = told - memory
+        level = memory - jnp.expm1(-dt / slip_jump.MEMORY) * change
+        jump, changed = slip_jump.jumps(slips, memory[10:], touch), jnp.abs(change[2:6])
+        change = jnp.concatenate([jnp.abs(change[:2]), jnp.maximum(changed, jnp.abs(change[6:10]))])
+        anew = change / (_ANEW[0] * slip_jump.MEMORY) + 1 / _ANEW[1]
         whole = jnp.minimum((change / _ANEW[0]) ** 2, 1.0)
         step = jnp.maximum(dt, _LEAST_STEP)
-        shared = touch.slip_shared**2 / (touch.slip_shared**2 + touch.slip_std**2)
-        slip_time = _SLIP_TIME[0] + (_SLIP_TIME[1] - _SLIP_TIME[0]) * shared
-        lasts = 2 * jnp.concatenate([jnp.full(2, _ERROR_TIME, x.dtype), jnp.broadcast_to(slip_time, (4,))])
-        takes = jnp.maximum((lasts + 1 / anew) / step, 1.0)
+        takes = jnp.maximum((2 * _ERROR_TIME + 1 / anew[:2]) / step, 1.0)
         speed = jnp.maximum(jnp.abs(touch.speed), SLOWEST)
         across_evidence = []
         # beyond its peak a tire tells nothing of the sideslip: a car that is driven does not slide far
@@ -238,7 +238,14 @@ class FrictionBank(eqx.Module):
             row = jnp.where(sure[:, None], row, 0.0)
             innovation = jnp.where(known, jnp.where(sure, measured - here.along, beyond), 0.0)
             i = slice(2 + 2 * axle, 4 + 2 * axle)
-            y, Y, likelihood = learn(y, Y, row, innovation, noise, takes[i, None])
+            shared = (by_error * touch.slip_shared) ** 2 / noise
+            lasts = 2 * (_SLIP_TIME[0] + (_SLIP_TIME[1] - _SLIP_TIME[0]) * jnp.where(sure, shared, 0.0))
+            counts = jnp.maximum((lasts + 1 / anew[i, None]) / step, 1.0)
+            y, Y, likelihood = learn(y, Y, row, innovation, noise, counts)
+            likelihood = likelihood + slip_jump.evidence(
+                jump[pair], changed[pair], touch, axle, angle, self._slip_stiffness, self._shape + y[:, 1],
+                self.friction, jnp.sqrt(floor), step,
+            )  # fmt: skip
             along_evidence.append(jnp.where(known, likelihood, 0.0))
         evidence = jnp.concatenate([jnp.stack(across_evidence), *along_evidence])
         raised = mixed.log_weight + jnp.asarray(_WEIGHTS, x.dtype) @ evidence

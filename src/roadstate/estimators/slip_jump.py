@@ -1,0 +1,106 @@
+"""A wheel that slips more from one moment to the next while it bears the same force: the road has changed.
+
+Where all wheels are driven or braked, nothing rolls freely, and what they all slip alike cannot be told from
+an error of the speed; a stiffness that is a little off makes one axle slip more than the other, always. But
+neither changes within half a second. As the front wheels come onto ice their slip doubles at a force that
+stays, and the rear ones' does not until they follow: that no stiffness feigns, nor any error of the speed.
+"""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from roadstate.estimators.friction_curve import elastic, theoretical_slip
+from roadstate.estimators.sideways import SLOWEST, Touch
+
+MEMORY = 0.5
+"""s over which what a wheel slips is remembered."""
+NOTHING = 10.0
+"""In place of a memory where there is none yet."""
+_NOISE = (4e-4, 0.011)  # 1σ of a slip's jump: by itself, and m/s over the speed
+_FORCE = (0.25, 0.05)  # and shares of the slip that the force's change and the force itself make
+_ASIDE = 0.4  # and of the slip angle: where a wheel heads is known that well
+_COUNTS = 2.25  # σ from which on a jump counts: errors have longer tails than a Gaussian
+_LASTS = 0.2  # s for which an error lasts
+_ONSET = 8.0  # squared σ that no lasting error explains
+_OFFSET = 0.004  # slip that a wheel may seem to have when it rolls
+_MOST = 0.4  # part of an independent time that one sample counts at most: forces lag a little behind slips
+_USED = 0.8  # share of the friction from which on a force hardly tells the slip
+_LARGEST = 0.04  # slip from which on a tire's force may fall
+_CURVE = 1.35  # shape of a tire, to tell how steep its slip rises with its force
+
+
+def unexplained(touch: Touch, stiffness: Float[Array, ""]) -> Float[Array, " 4"]:
+    """What each wheel slips beyond what its force would make it if the tire were linear.
+
+    Args:
+        touch: of the tires on the road.
+        stiffness: C_κ/F_z.
+    """
+    return theoretical_slip(touch.slip) - touch.along / stiffness
+
+
+def jumps(now: Float[Array, " 4"], memory: Float[Array, " 4"], touch: Touch) -> Float[Array, " 4"]:
+    """By how much more of :func:`unexplained` each wheel has gained than the least but one of the four.
+
+    Args:
+        now: :func:`unexplained`.
+        memory: of it.
+        touch: of the tires on the road.
+    """
+    forward = jnp.sign(jnp.sum(touch.along))
+    # a wheel that comes back from spinning does not gain as the force turns
+    before = jnp.maximum(forward * memory, jnp.abs(memory) - _OFFSET)
+    gained = forward * now - before
+    low, high = jnp.minimum(gained[:2], gained[2:]), jnp.maximum(gained[:2], gained[2:])
+    return gained - jnp.maximum(jnp.minimum(jnp.max(low), jnp.min(high)), 0.0)
+
+
+def evidence(
+    jump: Float[Array, " 2"],
+    changed: Float[Array, " 2"],
+    touch: Touch,
+    axle: int,
+    angle: Float[Array, " J"],
+    stiffness: Float[Array, ""],
+    shape: Float[Array, "2 J"],
+    friction: Float[Array, " J"],
+    force_std: Float[Array, "2 1"],
+    step: Float[Array, ""],
+) -> Float[Array, "2 J"]:
+    """Log-likelihood of an axle's jumps under each friction: no wheel may slip more than its curve says.
+
+    The slip that a force F_x/F_z = f makes on a friction μ is that of the tire's curve; beyond what it would
+    be if it stayed linear lies what a wheel may gain by coming onto that road. A jump that exceeds it speaks
+    against the friction; one that falls short, not for another: the road may have been so for long. Where f
+    comes close to μ any slip may be. Of both wheels together the lesser jump counts, for a road that changes
+    under the axle (errors of the two are independent), or else each wheel's own. Errors have the tails of
+    Student's t, and one that lasts counts once, as in :func:`roadstate.estimators.mixture.learn`.
+
+    Args:
+        jump: :func:`jumps` of left and right wheel.
+        changed: by how much the force over load has, in the same time.
+        touch: of the tires on the road.
+        axle: 0 in front, 1 behind.
+        angle: slip angle under each hypothesis, rad.
+        stiffness: C_κ/F_z.
+        shape: of the tires' curve.
+        friction: hypotheses.
+        force_std: 1σ of the force over load.
+        step: s since the last sample.
+    """
+    pair = slice(2 * axle, 2 * axle + 2)
+    force = jnp.abs(touch.along[pair, None])
+    bent = jnp.abs(elastic(force, friction, shape))
+    share = jnp.minimum(force / friction, _USED)
+    steep = (1 + (bent / (friction * _CURVE)) ** 2) / jnp.sqrt(1 - share**2)  # of the slip over the force
+    of_force = (_FORCE[0] * changed[:, None]) ** 2 + (_FORCE[1] * force) ** 2 + (force_std * steep) ** 2
+    of_speed = _NOISE[0] ** 2 + (_NOISE[1] / jnp.maximum(jnp.abs(touch.speed), SLOWEST)) ** 2
+    std = jnp.sqrt(of_speed + of_force / stiffness**2 + (_ASIDE * angle) ** 2)
+    away = (jump[:, None] - (bent - force) / stiffness) / std
+    both = 2**0.5 * jnp.min(away, axis=0)
+    far = jnp.maximum(jnp.maximum(away, both) - _COUNTS, 0.0) ** 2
+    told = -2.5 * jnp.log1p(far / 4.0) * jnp.minimum((1 + far / _ONSET) * step / _LASTS, _MOST)
+    tells = (force + 4 * force_std < _USED * friction) & (jnp.abs(touch.slip[pair, None]) < _LARGEST)
+    return jnp.where(tells, told, 0.0)
