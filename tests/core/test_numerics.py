@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from threading import Barrier
 from typing import Any
 
 import jax
@@ -127,6 +129,25 @@ def test_a_compiled_loop_works_inside_other_transformations() -> None:
     for call in (slope, jax.jit(slope)):
         np.testing.assert_allclose(call(x), 3 * np.asarray(x) ** 2)
     assert powers.__doc__ == "1, x, x² …"
+
+
+def test_threads_that_come_at_once_share_one_program() -> None:
+    traced: list[int] = []
+    together = Barrier(4)
+
+    @numerics.jit_loop
+    def doubled(x: jax.Array) -> jax.Array:
+        traced.append(1)
+        return jax.lax.fori_loop(0, 3, lambda _, v: 2 * v, x)
+
+    def call(_: int) -> float:
+        together.wait()
+        return float(doubled(jnp.asarray(1.5)))
+
+    numerics._is_known.cache_clear()  # as before the first loop of a process: to know the options takes long
+    with ThreadPoolExecutor(4) as pool:
+        assert list(pool.map(call, range(4))) == [12.0] * 4
+    assert len(traced) == 1
 
 
 def test_double_precision_is_the_default() -> None:

@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable
 from functools import cache, wraps
 from pathlib import Path
+from threading import Lock
 from typing import ParamSpec, TypeVar
 
 import equinox as eqx
@@ -46,6 +47,8 @@ def jit_loop(function: Callable[P, R]) -> Callable[P, R]:
     one kernel as a whole, unless something in it calls a library.
     """
 
+    asked = Lock()
+
     @cache
     def compiled() -> Callable[P, R]:
         # at the first call, not at import: knowing the options starts a backend
@@ -58,7 +61,11 @@ def jit_loop(function: Callable[P, R]) -> Callable[P, R]:
     def call(*args: P.args, **kwargs: P.kwargs) -> R:
         # inside another transformation, whose options hold and whose compiler refuses to be given more
         is_inside = any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves((args, kwargs)))
-        return (within if is_inside else compiled())(*args, **kwargs)
+        if is_inside:
+            return within(*args, **kwargs)
+        with asked:  # threads that come at once shall have one program, not one each
+            program = compiled()
+        return program(*args, **kwargs)
 
     return call
 
