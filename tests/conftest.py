@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import ctypes
 import gc
 import math
 import os
@@ -44,6 +46,13 @@ def _forget_programs() -> Iterator[None]:
     if memory() > 3.0:
         jax.clear_caches()
         gc.collect()
+        give_back()
+
+
+def give_back() -> None:
+    """Hand what was freed to the system: glibc keeps it, and each module after would find too much in use."""
+    with contextlib.suppress(OSError, AttributeError, TypeError):
+        ctypes.CDLL(None).malloc_trim(0)
 
 
 def memory() -> float:
@@ -53,6 +62,12 @@ def memory() -> float:
     except OSError:
         return math.inf
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e9
+
+
+@pytest.fixture
+def optimised(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Estimators' programs as everybody has them, for a test whose logs are long."""
+    monkeypatch.delitem(STEP_OPTIONS, "xla_backend_optimization_level")
 
 
 @pytest.fixture(scope="session")
