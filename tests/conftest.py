@@ -64,12 +64,6 @@ def memory() -> float:
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e9
 
 
-@pytest.fixture
-def optimised(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Estimators' programs as everybody has them, for a test whose logs are long."""
-    monkeypatch.delitem(STEP_OPTIONS, "xla_backend_optimization_level")
-
-
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
     """The folder of real recordings; tests that use it skip where it is missing."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from functools import cache, wraps
 from pathlib import Path
 from threading import Lock
@@ -48,6 +48,8 @@ def jit_loop(function: Callable[P, R]) -> Callable[P, R]:
     """
 
     asked = Lock()
+    begun: dict[Hashable, Lock] = {}
+    done: set[Hashable] = set()
 
     @cache
     def compiled() -> Callable[P, R]:
@@ -59,12 +61,19 @@ def jit_loop(function: Callable[P, R]) -> Callable[P, R]:
 
     @wraps(function)
     def call(*args: P.args, **kwargs: P.kwargs) -> R:
+        leaves, structure = jax.tree.flatten((args, kwargs))
         # inside another transformation, whose options hold and whose compiler refuses to be given more
-        is_inside = any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves((args, kwargs)))
-        if is_inside:
+        if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
             return within(*args, **kwargs)
-        with asked:  # threads that come at once shall have one program, not one each
-            program = compiled()
+        key = structure, tuple((x.shape, x.dtype) if hasattr(x, "dtype") else x for x in leaves)
+        with asked:
+            program, first = compiled(), begun.setdefault(key, Lock())
+        if key not in done:
+            with first:  # threads that come at once shall wait for one program, not compile one each
+                if key not in done:
+                    result = program(*args, **kwargs)
+                    done.add(key)
+                    return result
         return program(*args, **kwargs)
 
     return call

@@ -8,6 +8,8 @@ from collections.abc import Collection
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
+import jax
+
 from roadstate.core.channels import did_you_mean
 from roadstate.core.errors import InputError
 from roadstate.estimators.base import Estimate, Estimator, Need, Sample
@@ -54,4 +56,9 @@ def build(name: str, vehicle: Vehicle, available: Collection[str], **options: An
             f"'{name}' needs {ways}",
             mend=f"map the channel, or use an estimator these channels do for: {others}",
         )
-    return classes[name].build(vehicle, available, **options)
+    built = classes[name].build(vehicle, available, **options)
+    # a number of Python's and one of NumPy's become arrays of different types: one program shall do for both
+    strong: Estimator[Any] = jax.tree.map(
+        lambda a: a.astype(a.dtype) if isinstance(a, jax.Array) else a, built
+    )
+    return strong
