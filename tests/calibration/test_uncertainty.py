@@ -54,6 +54,15 @@ def test_a_figure_that_is_kept_adds_its_error() -> None:
     assert alone[0, 0] == pytest.approx(1.0, rel=0.02)  # as wrong as the other may be
 
 
+def test_another_figure_of_the_file_adds_its_error() -> None:
+    H = np.array([[5.0, 2.0], [2.0, 3.0]])
+    shift = np.array([0.3, -0.2])  # what 1σ of it does to the estimates
+    whole = covariance(H, H, ALL, beside=((H + np.eye(2)) @ shift)[:, None])
+    assert whole == pytest.approx(covariance(H, H, ALL) + np.outer(shift, shift))
+    first = covariance(H, H, np.array([True, False]), beside=np.array([[6.0], [7.0]]))
+    assert first[0, 0] == pytest.approx(covariance(H, H, np.array([True, False]))[0, 0] + 1.0)
+
+
 def test_undetermined(car: Vehicle) -> None:
     parameters = select(car, ["mass", "driveline"], tune=False).parameters
     assert unseen(np.diag([50.0, 0.3])) == [1]

@@ -63,6 +63,14 @@ def test_stiffness_uncertainty_waits_for_all_stiffnesses(car: Vehicle) -> None:
     assert both.prior.stiffness_relative == pytest.approx(SHARE * car.prior.stiffness_relative, rel=0.01)
 
 
+def test_source_says_what_the_road_was_taken_for(car: Vehicle) -> None:
+    guessed = found(car, ["tire"])
+    told = Calibration(**{**vars(guessed), "road_friction": 0.85})
+    guessed_text, told_text = (learned_yaml(vehicle_text("suv"), "suv", one) for one in (guessed, told))
+    assert "road friction" not in parse_vehicle(guessed_text, "new").source
+    assert "estimator joint, road friction 0.85)" in parse_vehicle(told_text, "new").source
+
+
 def test_uncertainty_has_a_floor(car: Vehicle) -> None:
     calibration = found(car, ["mass"])
     (mass,) = calibration.learned

@@ -59,6 +59,8 @@ def test_table(run: Run, noisy: Path) -> None:
         (("-l", "mass", "-e", "kmb"), "no estimator is called 'kmb'"),
         (("-l", "mass", "-e", "kmbe"), "nothing can be learned (mass "),
         (("-l", "mass", "-e", "tfobe"), "'tfobe' needs"),
+        (("-l", "tire", "--road-friction", "8"), "--road-friction: 8 is no peak friction of a road; give"),
+        (("-l", "tire", "-e", "kmbe", "--road-friction", "0.8"), "--road-friction: 'kmbe' weighs no"),
     ],
 )
 def test_refusals_are_one_line_and_leave_the_file(

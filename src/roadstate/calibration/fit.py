@@ -29,6 +29,9 @@ _MOST = 12  # evaluations of the likelihood without refusing anything
 _NEAR = 0.02  # squared distance to the optimum, in standard deviations, that is near enough
 _LONGEST = 2.0  # prior standard deviations of one step
 _EDGE = 1e-6
+# Figures of a section hang on these groups' as well. A car's bends tell its tires by how fast it turns in: a
+# yaw inertia 7.5 % too large, or a mass too small, makes them 2.5 to 3.5 % stiffer.
+_BESIDE: Mapping[str, tuple[str, ...]] = {"tires": ("inertia", "mass")}
 _DAMPING = (0.3, 8.0, 1e4)  # the first, its growth, and where to give up
 
 Progress = Callable[[int, float], None]
@@ -64,6 +67,7 @@ class Calibration:
         uses_prior: a posteriori (with the file's own uncertainties) or of likelihood alone.
         evaluations: of the likelihood.
         converged: no step would gain any more.
+        road_friction: that was taken for known.
     """
 
     vehicle: Vehicle
@@ -74,6 +78,7 @@ class Calibration:
     uses_prior: bool
     evaluations: int
     converged: bool
+    road_friction: float | None = None
 
 
 def calibrate(
@@ -84,6 +89,7 @@ def calibrate(
     tune: bool = False,
     estimator: str = DEFAULT_ESTIMATOR,
     use_prior: bool = True,
+    road_friction: float | None = None,
     progress: Progress | None = None,
 ) -> Calibration:
     """Fit a car's figures to logs by the likelihood of an estimator's own filter.
@@ -95,12 +101,14 @@ def calibrate(
         tune: the noise levels as well.
         estimator: its name.
         use_prior: take the file's own uncertainties for a prior (maximum a posteriori).
+        road_friction: peak friction of the road, the same in all logs, where it has been measured.
         progress: called after each evaluation with their number and the distance to the optimum, in standard
             deviations.
 
     Raises:
         InputError: nothing to learn or to learn it from, a channel that the estimator needs is missing, the
-            filter fails, or the data determine none of the figures.
+            estimator cannot be told of the road's friction, the filter fails, or the data determine none of
+            the figures.
     """
     total = sum(log.duration for log in logs.values())
     if total < SHORTEST:
@@ -115,13 +123,13 @@ def calibrate(
         )
     selection = select(vehicle, groups, tune=tune)
     refused = dict(selection.refused)
-    unused = Likelihood(vehicle, selection.parameters, logs, estimator).unused()
+    unused = Likelihood(vehicle, selection.parameters, logs, estimator, road_friction).unused()
     parameters = [p for p in selection.parameters if p.name not in unused]
     # nobody asked for one noise level or another by its name
     refused |= {p.name: unused[p.name] for p in selection.parameters if p.name in unused and not p.is_noise}
     if not parameters:
         raise _nothing(refused)
-    likelihood = Likelihood(vehicle, parameters, logs, estimator)
+    likelihood = Likelihood(vehicle, parameters, logs, estimator, road_friction)
     first = likelihood(np.zeros(len(parameters)), np.ones(len(parameters), bool))
     hardly = unseen(first.information)
     refused |= {parameters[i].name: HARDLY for i in hardly}
@@ -129,13 +137,13 @@ def calibrate(
     if not left:
         raise _nothing(refused)
     if hardly:
-        likelihood = Likelihood(vehicle, [parameters[i] for i in left], logs, estimator)
+        likelihood = Likelihood(vehicle, [parameters[i] for i in left], logs, estimator, road_friction)
     fit = _Fit(likelihood, use_prior=use_prior, progress=progress)
     place = fit.run(first.curvature[np.ix_(left, left)])
     refused |= {fit.parameters[i].name: why for i, why in fit.refused.items()}
     if place is None:
         raise _nothing(refused)
-    return _result(fit, place, vehicle, logs, refused)
+    return _result(fit, place, _spread(fit, place, logs), vehicle, logs, refused)
 
 
 def _nothing(refused: Mapping[str, str]) -> InputError:
@@ -174,8 +182,7 @@ class _Fit:
     """A fit at work: where it stands and what it has refused."""
 
     def __init__(self, likelihood: Likelihood, *, use_prior: bool, progress: Progress | None) -> None:
-        self._likelihood, self._progress = likelihood, progress
-        self.estimator = likelihood.estimator
+        self.likelihood, self._progress = likelihood, progress
         self.parameters, self.use_prior = likelihood.parameters, use_prior
         self.active: Mask = np.ones(len(self.parameters), bool)
         self.refused: dict[int, str] = {}
@@ -220,8 +227,8 @@ class _Fit:
         return found
 
     def _evaluate(self, free: Numbers, curvature: Numbers | None, prior: float = 1.0) -> _Place:
-        here = self._likelihood(free, self.active, curvature)
-        place = _Place(free, here, dispersion(here.scores, self._likelihood.times))
+        here = self.likelihood(free, self.active, curvature)
+        place = _Place(free, here, dispersion(here.scores, self.likelihood.times))
         self.evaluations += 1
         if self._progress is not None:
             self._progress(self.evaluations, place.distance(self.active, prior) ** 0.5)
@@ -255,11 +262,39 @@ class _Fit:
         return place if place is begin else self._evaluate(place.free, None, prior)
 
 
+def _spread(fit: _Fit, place: _Place, logs: Mapping[str, Log]) -> Numbers:
+    """(a, a) covariance of what is learned, with the error of figures of the file that it hangs on."""
+    own = fit.likelihood
+    learned = {p.path[0] for p, is_active in zip(fit.parameters, fit.active, strict=True) if is_active}
+    groups = [group for section, others in _BESIDE.items() if section in learned for group in others]
+    found = select(own.vehicle, groups, tune=False).parameters if groups else ()
+    names = {p.name for p in fit.parameters}
+    slopes = [np.zeros((len(place.free), 0))]
+    for parameter in (p for p in found if p.name not in names):
+        less, more = (
+            Likelihood(
+                moved(own.vehicle, [parameter], np.full(1, change)),
+                fit.parameters,
+                logs,
+                own.estimator,
+                own.road_friction,
+            )(place.free, fit.active, place.here.curvature).gradient
+            for change in (-1.0, 1.0)
+        )
+        slopes.append(0.5 * (more - less)[:, None])
+    beside = np.hstack(slopes)
+    return covariance(place.here.information, place.J, fit.active, use_prior=fit.use_prior, beside=beside)
+
+
 def _result(
-    fit: _Fit, place: _Place, vehicle: Vehicle, logs: Mapping[str, Log], refused: Mapping[str, str]
+    fit: _Fit,
+    place: _Place,
+    spread: Numbers,
+    vehicle: Vehicle,
+    logs: Mapping[str, Log],
+    refused: Mapping[str, str],
 ) -> Calibration:
     on = fit.active
-    spread = covariance(place.here.information, place.J, on, use_prior=fit.use_prior)
     std = np.zeros_like(place.free)
     std[on] = np.sqrt(np.diag(spread))
     learned = tuple(
@@ -269,11 +304,12 @@ def _result(
     )
     return Calibration(
         vehicle=moved(vehicle, [one.parameter for one in learned], place.free[on]),
-        estimator=fit.estimator,
+        estimator=fit.likelihood.estimator,
         learned=learned,
         refused=refused,
         logs={name: len(log) for name, log in logs.items()},
         uses_prior=fit.use_prior,
         evaluations=fit.evaluations,
         converged=fit.converged,
+        road_friction=fit.likelihood.road_friction,
     )

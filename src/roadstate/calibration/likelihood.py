@@ -20,6 +20,7 @@ import numpy as np
 from jaxtyping import Array, Float
 from numpy.typing import NDArray
 
+from roadstate.calibration.known_road import on_road
 from roadstate.calibration.parameters import Parameter, moved, with_certainty
 from roadstate.calibration.uncertainty import Mask, Numbers
 from roadstate.core import InputError, Log
@@ -180,15 +181,22 @@ class Likelihood:
         parameters: p of its figures.
         logs: name → log; each is a run of the filter of its own.
         estimator: its name.
+        road_friction: peak friction of the road in all logs, where it is known.
 
     Raises:
-        InputError: the estimator cannot be built for the car or for a log's channels.
+        InputError: the estimator cannot be built for the car or for a log's channels, or cannot be told of
+            the friction.
     """
 
     def __init__(
-        self, vehicle: Vehicle, parameters: Sequence[Parameter], logs: Mapping[str, Log], estimator: str
+        self,
+        vehicle: Vehicle,
+        parameters: Sequence[Parameter],
+        logs: Mapping[str, Log],
+        estimator: str,
+        road_friction: float | None = None,
     ) -> None:
-        self.vehicle, self.estimator = vehicle, estimator
+        self.vehicle, self.estimator, self.road_friction = vehicle, estimator, road_friction
         self.parameters = tuple(parameters)
         # so the error of a one-sided difference is half of this share of a prior standard deviation
         self._step = float(np.finfo(jnp.result_type(float)).eps) ** 0.25
@@ -196,7 +204,7 @@ class Likelihood:
         for name, log in logs.items():
             channels = frozenset(log.available)
             try:
-                built = build(estimator, vehicle, channels)
+                built = self._built(vehicle, channels)
             except InputError as error:
                 raise InputError(error.what, where=error.where or name, mend=error.mend) from error
             judges = self._judges(built.sensors)
@@ -207,13 +215,17 @@ class Likelihood:
         """(T,) of each log, s."""
         return tuple(p.log.time for p in self._prepared)
 
+    def _built(self, vehicle: Vehicle, channels: frozenset[str]) -> Estimator[Any]:
+        estimator = build(self.estimator, vehicle, channels)
+        return estimator if self.road_friction is None else on_road(estimator, self.road_friction)
+
     def unused(self) -> dict[str, str]:
         """Parameters that cannot be moved in this estimator, with the channels there are, and why."""
         moving, fixed = np.zeros((2, len(self.parameters)), bool)
         for channels in {p.channels for p in self._prepared}:
-            first = build(self.estimator, self.vehicle, channels)
+            first = self._built(self.vehicle, channels)
             others = [
-                build(self.estimator, moved(self.vehicle, [p], np.full(1, self._step)), channels)
+                self._built(moved(self.vehicle, [p], np.full(1, self._step)), channels)
                 for p in self.parameters
             ]
             leaves, static = eqx.partition(first, eqx.is_inexact_array)
@@ -301,7 +313,7 @@ class Likelihood:
     def _run(self, prepared: _Prepared, free: Numbers, active: Mask) -> Iterator[tuple[int, _Rows]]:
         """Chunk after chunk, how many samples it has, and the rows of the car at ``free`` (b, p)."""
         car = with_certainty(self.vehicle, self.parameters, active)
-        built = [build(self.estimator, moved(car, self.parameters, f), prepared.channels) for f in free]
+        built = [self._built(moved(car, self.parameters, f), prepared.channels) for f in free]
         starts = [start(e) for e in built]
         states, layout = [state for state, _ in starts], starts[0][1]
         with ThreadPoolExecutor(min(len(built), os.cpu_count() or 1)) as pool:

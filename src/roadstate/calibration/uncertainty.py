@@ -42,24 +42,29 @@ def dispersion(scores: Sequence[Numbers], times: Sequence[Numbers]) -> Numbers:
     return result
 
 
-def covariance(H: Numbers, J: Numbers, active: Mask, *, use_prior: bool = True) -> Numbers:
+def covariance(
+    H: Numbers, J: Numbers, active: Mask, *, use_prior: bool = True, beside: Numbers | None = None
+) -> Numbers:
     """(a, a) covariance of the a active parameters' estimates, in prior standard deviations.
 
-    M⁻¹ (J + P + H_ac H_ca) M⁻¹ with M = H + P: White's sandwich (1982, Econometrica 50, 1–25), the error of
-    the prior P = I where it is used, and that of the parameters c which are not learned but kept at the
-    file's values (Schmidt's *consider* parameters; Bierman, *Factorization Methods*, ch. VIII). Where J is
-    less than H, H is taken: few blocks may look alike by chance.
+    M⁻¹ (J + P + H_ac H_ca + B Bᵀ) M⁻¹ with M = H + P: White's sandwich (1982, Econometrica 50, 1–25), the
+    error of the prior P = I where it is used, and that of the parameters c which are not learned but kept at
+    the file's values, and of others in the file (Schmidt's *consider* parameters; Bierman, *Factorization
+    Methods*, ch. VIII). Where J is less than H, H is taken: few blocks may look alike by chance.
 
     Args:
         H: (p, p) information of all parameters.
         J: (p, p) of :func:`dispersion`.
         active: (p,).
         use_prior: whether the estimates are a posteriori.
+        beside: B, (p, b) by how much the gradient changes with 1σ of each of b other figures in the file.
     """
     own = H[np.ix_(active, active)]
     prior = np.eye(len(own)) if use_prior else np.zeros_like(own)
     cross = H[np.ix_(active, ~active)]
     inverse = np.linalg.pinv(own + prior)
+    if beside is not None:
+        cross = np.hstack([cross, beside[active]])
     spread = _at_least(J[np.ix_(active, active)], own) + prior + cross @ cross.T
     result: Numbers = inverse @ spread @ inverse
     return result

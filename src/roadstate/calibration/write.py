@@ -98,7 +98,8 @@ def _source(before: Any, calibration: Calibration) -> str:
     names = ", ".join(one.parameter.name for one in calibration.learned)
     logs = ", ".join("".join(c if c.isprintable() else "?" for c in name) for name in calibration.logs)
     kind = "maximum a posteriori" if calibration.uses_prior else "maximum likelihood"
-    told = f"{names} learned from {logs} ({kind}, estimator {calibration.estimator})"
+    road = "" if calibration.road_friction is None else f", road friction {calibration.road_friction:g}"
+    told = f"{names} learned from {logs} ({kind}, estimator {calibration.estimator}{road})"
     whole = f"{before}; {told}" if isinstance(before, str) and before else told
     return whole if len(whole) <= _LONGEST_SOURCE else told[: _LONGEST_SOURCE - 1] + "…"
 

@@ -44,6 +44,15 @@ def calibrate(
         bool,
         typer.Option("--prior/--no-prior", help="Take the file's own uncertainties into account."),
     ] = True,
+    road_friction: Annotated[
+        float | None,
+        typer.Option(
+            "--road-friction",
+            metavar="MU",
+            help="Peak friction of the road in the logs, where it has been measured: then the tires' shape "
+            "can be learned.",
+        ),
+    ] = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Learn a car's figures from logs of its drives.
@@ -79,6 +88,7 @@ def calibrate(
             tune=tune,
             estimator=estimator,
             use_prior=prior,
+            road_friction=road_friction,
             progress=lambda count, far: work.begin(f"evaluation {count}: {far:.2g} σ from the optimum"),
         )
         text = learned_yaml(vehicle_text(vehicle), vehicle, found)
@@ -95,6 +105,7 @@ def facts(found: Calibration, out: Path | None) -> dict[str, Any]:
     return {
         "estimator": found.estimator,
         "prior": found.uses_prior,
+        "road_friction": found.road_friction,
         "converged": found.converged,
         "evaluations": found.evaluations,
         "logs": {name: {"samples": samples} for name, samples in found.logs.items()},
