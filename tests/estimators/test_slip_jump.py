@@ -72,9 +72,10 @@ def told(jump: Array, friction: Array, force: float = FORCE, changed: float = 0.
     """:func:`evidence` of one sample for the front axle."""
     here = touch(np.full(4, 0.012), np.full(4, force))
     count = len(friction)
+    bent = elastic(jnp.full((2, 1), force), jnp.asarray(friction), jnp.asarray(1.45))
     return slip_jump.evidence(
         jnp.asarray(jump), jnp.full(2, changed), here, 0, jnp.zeros(count), jnp.asarray(STIFFNESS),
-        jnp.full((2, count), 1.45), jnp.asarray(friction), jnp.full((2, 1), 0.008), jnp.asarray(DT),
+        jnp.asarray(friction), bent, jnp.full((2, 1), 0.008), jnp.asarray(DT),
     )  # fmt: skip
 
 

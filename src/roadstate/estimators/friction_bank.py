@@ -220,7 +220,7 @@ class FrictionBank(eqx.Module):
         along_evidence = []
         for axle in range(2):
             pair = slice(2 * axle, 2 * axle + 2)
-            here, by_slip, by_error = self._wheels(x, y, touch, speed, axle)
+            here, by_slip, by_error, bent = self._wheels(x, y, touch, speed, axle)
             rows = [here.along_by_slip, here.along_by_shape, *[jnp.zeros_like(by_slip)] * 2]
             rows[2 + axle] = -by_slip
             row = jnp.stack(rows, axis=1)
@@ -243,8 +243,8 @@ class FrictionBank(eqx.Module):
             counts = jnp.maximum((lasts + 1 / anew[i, None]) / step, 1.0)
             y, Y, likelihood = learn(y, Y, row, innovation, noise, counts)
             likelihood = likelihood + slip_jump.evidence(
-                jump[pair], changed[pair], touch, axle, angle, self._slip_stiffness, self._shape + y[:, 1],
-                self.friction, jnp.sqrt(floor), step,
+                jump[pair], changed[pair], touch, axle, angle, self._slip_stiffness, self.friction, bent,
+                jnp.sqrt(floor), step,
             )  # fmt: skip
             along_evidence.append(jnp.where(known, likelihood, 0.0))
         evidence = jnp.concatenate([jnp.stack(across_evidence), *along_evidence])
@@ -265,8 +265,11 @@ class FrictionBank(eqx.Module):
         angle = angle - (x[V_Y] - self.motion.arm[axle] * x[BIAS_R] - touch.lag * lateral) / speed
         return angle - x[STEER_BIAS] * jnp.sign(touch.speed) if axle == 0 else angle
 
-    def _wheels(self, x: Array, y: Array, touch: Touch, speed: Array, axle: int) -> tuple[Grip, Array, Array]:
-        """Left and right tire of an axle, (2, J), ∂(F_x/F_z)/∂ slip, and how much a slip's error can do."""
+    def _wheels(
+        self, x: Array, y: Array, touch: Touch, speed: Array, axle: int
+    ) -> tuple[Grip, Array, Array, Array]:
+        """Left and right tire of an axle, (2, J), ∂(F_x/F_z)/∂ slip, how much a slip's error can do, and what
+        the force over load were if it stayed linear up to the slip that goes with it."""
         pair = slice(2 * axle, 2 * axle + 2)
         ratio = theoretical_slip(touch.slip[pair, None] - y[:, 2 + axle])
         stiff = self._slip_stiffness * jnp.exp(y[:, 0])
@@ -277,10 +280,11 @@ class FrictionBank(eqx.Module):
         # As slips are uncertain, what matters is the curve's slope between the slip measured and the one that
         # the force tells: next to its peak a curve is flat, and yet no slip there goes with half the force.
         force = touch.along[pair, None]
-        apart = jnp.abs(ratio - elastic(force, self.friction, shape) / stiff)
+        bent = elastic(force, self.friction, shape)
+        apart = jnp.abs(ratio - bent / stiff)
         chord = jnp.abs(here.along - force) / (stiff * jnp.maximum(apart, 1e-6))
         slope = jnp.maximum(here.along_by_ratio, jnp.where(jnp.abs(force) < TOP * self.friction, chord, 0.0))
-        return here, stiff * here.along_by_ratio, stiff * slope
+        return here, stiff * here.along_by_ratio, stiff * slope, bent
 
     def _axle(self, x: Array, touch: Touch, speed: Array, y: Array, axle: int) -> Grip:
         """An axle's tires together: the mean of its wheels, which slip as their own side does."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from roadstate.estimators.friction_curve import elastic, theoretical_slip
+from roadstate.estimators.friction_curve import theoretical_slip
 from roadstate.estimators.sideways import SLOWEST, Touch
 
 MEMORY = 0.5
@@ -64,8 +64,8 @@ def evidence(
     axle: int,
     angle: Float[Array, " J"],
     stiffness: Float[Array, ""],
-    shape: Float[Array, "2 J"],
     friction: Float[Array, " J"],
+    bent: Float[Array, "2 J"],
     force_std: Float[Array, "2 1"],
     step: Float[Array, ""],
 ) -> Float[Array, "2 J"]:
@@ -85,14 +85,14 @@ def evidence(
         axle: 0 in front, 1 behind.
         angle: slip angle under each hypothesis, rad.
         stiffness: C_κ/F_z.
-        shape: of the tires' curve.
         friction: hypotheses.
+        bent: C_κ σ/F_z of the slip σ that goes with the force by the tires' curve.
         force_std: 1σ of the force over load.
         step: s since the last sample.
     """
     pair = slice(2 * axle, 2 * axle + 2)
     force = jnp.abs(touch.along[pair, None])
-    bent = jnp.abs(elastic(force, friction, shape))
+    bent = jnp.abs(bent)
     share = jnp.minimum(force / friction, _USED)
     steep = (1 + (bent / (friction * _CURVE)) ** 2) / jnp.sqrt(1 - share**2)  # of the slip over the force
     of_force = (_FORCE[0] * changed[:, None]) ** 2 + (_FORCE[1] * force) ** 2 + (force_std * steep) ** 2
