@@ -40,6 +40,9 @@ _M = 4  # of a side's wheels: slip stiffness, shape, what front and rear wheel s
 _LEAST, _LARGEST, _COUNT = 0.06, 1.35, 32  # a power of two: XLA vectorises it
 _ELSEWHERE = 0.5  # prior probability of a road that is not dry
 _JUMP = 1 / 400.0  # 1/m: how often the road's friction changes altogether
+_JOINS = (
+    1 / 10.0
+)  # 1/m: how soon what a side's wheels have found of its road is taken to hold for each of them
 _DRIFT = 0.1**2 / 300.0  # 1/m: variance of ln μ that is added by driving on
 _SIDESLIP = 0.1  # rad: 1σ of the rear axle's slip angle
 _ERROR = (0.008, 0.015)  # 1σ of a force over load measured, and share of it
@@ -116,7 +119,9 @@ class FrictionBank(eqx.Module):
     with a rate per distance, so that without evidence the posterior returns to the prior as the car drives
     on, and a sudden change is a hypothesis that is always there.
 
-    The parts of the car share hypotheses but not evidence: each weighs what its own tires tell.
+    The parts of the car share hypotheses but not evidence: each weighs what its own tires tell. But a rear
+    wheel rolls where the front one has been, so as the car drives on a wheel takes over what its side has
+    found.
 
     Attributes:
         friction: (J,) the hypotheses.
@@ -302,6 +307,8 @@ class FrictionBank(eqx.Module):
         share = jnp.minimum(0.5 * _DRIFT * distance / spacing**2, 0.25)
         edge = jnp.concatenate([p[:, :1], p, p[:, -1:]], axis=1)
         p = p + share * (edge[:, 2:] - 2 * p + edge[:, :-2])
+        side = p[_SIDES]
+        p = p - jnp.expm1(-_JOINS * distance) * (jnp.concatenate([p[:1], side, side, side]) - p)
         born = -jnp.expm1(-_JUMP * distance)
         fresh = born * jnp.exp(self.prior)
         whole = (1 - born) * p + fresh
