@@ -179,7 +179,7 @@ class FrictionBank(eqx.Module):
         x, P = self.motion.moved(mixed.x, mixed.P, touch, dt)
         # models err by where on the curve a tire works, so a sample counts anew as that changes
         linear = self._slip_stiffness * theoretical_slip(touch.slip)
-        slips = slip_jump.unexplained(touch, self._slip_stiffness)
+        slips = slip_jump.unexplained(touch, self._slip_stiffness, state.level[10:])
         told = jnp.concatenate([touch.across, touch.along, jnp.clip(linear, -1.0, 1.0), slips])
         memory = jnp.where(state.level < slip_jump.NOTHING, state.level, told)
         change = told - memory

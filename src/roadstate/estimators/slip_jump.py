@@ -31,14 +31,16 @@ _LARGEST = 0.04  # slip from which on a tire's force may fall
 _CURVE = 1.35  # shape of a tire, to tell how steep its slip rises with its force
 
 
-def unexplained(touch: Touch, stiffness: Float[Array, ""]) -> Float[Array, " 4"]:
+def unexplained(touch: Touch, stiffness: Float[Array, ""], memory: Float[Array, " 4"]) -> Float[Array, " 4"]:
     """What each wheel slips beyond what its force would make it if the tire were linear.
 
     Args:
         touch: of the tires on the road.
         stiffness: C_κ/F_z.
+        memory: of the same, for a wheel whose slip or force nothing tells.
     """
-    return theoretical_slip(touch.slip) - touch.along / stiffness
+    beyond = theoretical_slip(touch.slip) - touch.along / stiffness
+    return jnp.where(jnp.isfinite(touch.along_std), beyond, memory)
 
 
 def jumps(now: Float[Array, " 4"], memory: Float[Array, " 4"], touch: Touch) -> Float[Array, " 4"]:
