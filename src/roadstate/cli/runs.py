@@ -135,17 +135,22 @@ def run_all(
     for name, log in source.logs(vehicle):
         with naming(groups[name][0]):
             if needs_reference:
-                _check_reference(log)
+                _check_reference(log, settle)
             run = run_log(name, log, vehicle, estimators, work, settle=settle, smooth=smooth)
         yield run
         work.begin("reading")
 
 
-def _check_reference(log: Log) -> None:
+def _check_reference(log: Log, settle: float) -> None:
     if not any(log.available.issuperset(r.channels) for r in REFERENCES.values()):
         raise InputError(
             "no reference to compare with (ref_grade, ref_velocity_x, ref_friction_* of a wheel …)",
             mend="map one under 'reference:' in the mapping file, or use 'roadstate estimate'",
+        )
+    if settle > log.duration:  # said before any estimator has run
+        raise InputError(
+            f"no sample is left to compare after {settle:g} s",
+            mend=f"use a shorter settle; the last one lies at {log.duration:.6g} s",
         )
 
 
