@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from benchmarks.accuracy.run import without
 from benchmarks.accuracy.scenarios import SATELLITE, SCENARIOS, Scenario, driven
 
 from roadstate.core import Log
@@ -50,15 +51,10 @@ def recorded(vehicle: Vehicle, drive: str, seeds: int) -> Recorded:
     condition = Condition(
         drive, scenario.title, vehicle, scenario.prepare, multibody_plant, sensor_preset("automotive")
     )
-    logs = [on_the_bus(log) for log in recordings(done, condition, MISMATCHED, seeds)]
+    logs = [without(log, SATELLITE) for log in recordings(done, condition, MISMATCHED, seeds)]
     ideal = to_log(measure(truth_table(done), sensor_preset("ideal"), seed=0))
     return Recorded(
         logs,
         [told(vehicle, MISMATCHED, seed) for seed in range(seeds)],
         ideal.select(set(logs[0].channels) & set(ideal.channels)),
     )
-
-
-def on_the_bus(log: Log) -> Log:
-    """Without what a satellite receiver gives."""
-    return log.select(set(log.channels) - set(SATELLITE))

@@ -104,16 +104,11 @@ def batch(problem: Problem, marginal: bool = False, logs: int = LOGS) -> Program
     run, dt = jit_loop(_scan), jnp.asarray(problem.dt)
     threads = PER_PROCESSOR * (os.cpu_count() or 1)
     pool = ThreadPoolExecutor(threads)
-    compiled = False
 
     def one(log: Any) -> Any:
         return jax.block_until_ready(run(filter_, system, layout, *log, dt))
 
     def call() -> list[Any]:
-        nonlocal compiled
-        if not compiled:  # two threads would compile twice
-            one(each[0])
-            compiled = True
         return list(pool.map(one, each))
 
     note = f"{logs} logs of {problem.steps} samples, per step and log, shared by {threads} threads"

@@ -230,8 +230,8 @@ class FrictionBank(eqx.Module):
             rows[2 + axle] = -by_slip
             row = jnp.stack(rows, axis=1)
             measured = touch.along[pair, None]
-            angle = self._angle(x, touch, speed, axle)
-            slips = jnp.sqrt(touch.slip_std**2 + touch.slip_shared**2 + (_SLIP_ASIDE * angle) ** 2)
+            aside = _SLIP_ASIDE * self._angle(x, touch, speed, axle)
+            slips = jnp.sqrt(touch.slip_std**2 + touch.slip_shared**2 + aside**2)
             floor = touch.along_std[pair, None] ** 2 + _ERROR[0] ** 2 + (_ERROR[1] * measured) ** 2
             noise = floor + (by_error * slips) ** 2
             # a curve is no line over the width of a slip that is hardly known, unless the tire surely slides;
@@ -248,7 +248,7 @@ class FrictionBank(eqx.Module):
             counts = jnp.maximum((lasts + 1 / anew[i, None]) / step, 1.0)
             y, Y, likelihood = learn(y, Y, row, innovation, noise, counts)
             likelihood = likelihood + slip_jump.evidence(
-                jump[pair], changed[pair], touch, axle, angle, self._slip_stiffness, self.friction, bent,
+                jump[pair], changed[pair], touch, axle, aside, self._slip_stiffness, self.friction, bent,
                 jnp.sqrt(floor), step,
             )  # fmt: skip
             along_evidence.append(jnp.where(known, likelihood, 0.0))

@@ -31,13 +31,24 @@ def learn(
     total = own + noise * takes * (1 + far / _ROBUST)
     x = x + gain * (innovation / total)[..., None, :]
     P = P - gain[..., None, :] * (gain / total[..., None, :])[..., None, :, :]
-    # Student's t of one independent sample in so many, of more where an error is too large to last.
-    # Its normalising factor counts while forces change. Without it a hypothesis that is unsure of its force
+    # The normalising factor counts while forces change. Without it a hypothesis that is unsure of its force
     # is never refuted, and friction comes out too high; while nothing changes, every hypothesis predicts
     # well, noises are but roughly known, and the surest, a tire that slides, would win by the factor alone.
-    likelihood = -2.5 * jnp.log1p(far / 4.0) * jnp.minimum((1 + far / _ONSET) / takes, 1.0)
-    likelihood = likelihood - whole * 0.5 * jnp.log(own + noise) / takes
+    likelihood = tempered(far, takes) - whole * 0.5 * jnp.log(own + noise) / takes
     return x, P, likelihood
+
+
+def tempered(far: Array, takes: Array, most: float = 1.0) -> Array:
+    """Log-likelihood of a squared deviation over σ², with the tails of Student's t (4 degrees of freedom).
+
+    One of so many samples makes an independent one, of fewer where an error is too large to last.
+
+    Args:
+        far: squared deviation over σ².
+        takes: how many samples make an independent one.
+        most: part of an independent one that a sample counts at most.
+    """
+    return -2.5 * jnp.log1p(far / 4.0) * jnp.minimum((1 + far / _ONSET) / takes, most)
 
 
 def moments(x: Array, P: Array, p: Array) -> tuple[Array, Array]:

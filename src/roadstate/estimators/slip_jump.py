@@ -12,6 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from roadstate.estimators.friction_curve import theoretical_slip
+from roadstate.estimators.mixture import tempered
 from roadstate.estimators.sideways import SLOWEST, Touch
 
 MEMORY = 0.5
@@ -20,10 +21,8 @@ NOTHING = 10.0
 """In place of a memory where there is none yet."""
 _NOISE = (4e-4, 0.011)  # 1σ of a slip's jump: by itself, and m/s over the speed
 _FORCE = (0.25, 0.05)  # and shares of the slip that the force's change and the force itself make
-_ASIDE = 0.4  # and of the slip angle: where a wheel heads is known that well
 _COUNTS = 2.25  # σ from which on a jump counts: errors have longer tails than a Gaussian
 _LASTS = 0.2  # s for which an error lasts
-_ONSET = 8.0  # squared σ that no lasting error explains
 _OFFSET = 0.004  # slip that a wheel may seem to have when it rolls
 _MOST = 0.4  # part of an independent time that one sample counts at most: forces lag a little behind slips
 _USED = 0.8  # share of the friction from which on a force hardly tells the slip
@@ -64,7 +63,7 @@ def evidence(
     changed: Float[Array, " 2"],
     touch: Touch,
     axle: int,
-    angle: Float[Array, " J"],
+    aside: Float[Array, " J"],
     stiffness: Float[Array, ""],
     friction: Float[Array, " J"],
     bent: Float[Array, "2 J"],
@@ -77,15 +76,14 @@ def evidence(
     be if it stayed linear lies what a wheel may gain by coming onto that road. A jump that exceeds it speaks
     against the friction; one that falls short, not for another: the road may have been so for long. Where f
     comes close to μ any slip may be. Of both wheels together the lesser jump counts, for a road that changes
-    under the axle (errors of the two are independent), or else each wheel's own. Errors have the tails of
-    Student's t, and one that lasts counts once, as in :func:`roadstate.estimators.mixture.learn`.
+    under the axle (errors of the two are independent), or else each wheel's own.
 
     Args:
         jump: :func:`jumps` of left and right wheel.
         changed: by how much the force over load has, in the same time.
         touch: of the tires on the road.
         axle: 0 in front, 1 behind.
-        angle: slip angle under each hypothesis, rad.
+        aside: 1σ of a slip by the slip angle, under each hypothesis.
         stiffness: C_κ/F_z.
         friction: hypotheses.
         bent: C_κ σ/F_z of the slip σ that goes with the force by the tires' curve.
@@ -99,10 +97,10 @@ def evidence(
     steep = (1 + (bent / (friction * _CURVE)) ** 2) / jnp.sqrt(1 - share**2)  # of the slip over the force
     of_force = (_FORCE[0] * changed[:, None]) ** 2 + (_FORCE[1] * force) ** 2 + (force_std * steep) ** 2
     of_speed = _NOISE[0] ** 2 + (_NOISE[1] / jnp.maximum(jnp.abs(touch.speed), SLOWEST)) ** 2
-    std = jnp.sqrt(of_speed + of_force / stiffness**2 + (_ASIDE * angle) ** 2)
+    std = jnp.sqrt(of_speed + of_force / stiffness**2 + aside**2)
     away = (jump[:, None] - (bent - force) / stiffness) / std
     both = 2**0.5 * jnp.min(away, axis=0)
     far = jnp.maximum(jnp.maximum(away, both) - _COUNTS, 0.0) ** 2
-    told = -2.5 * jnp.log1p(far / 4.0) * jnp.minimum((1 + far / _ONSET) * step / _LASTS, _MOST)
+    told = tempered(far, _LASTS / step, _MOST)
     tells = (force + 4 * force_std < _USED * friction) & (jnp.abs(touch.slip[pair, None]) < _LARGEST)
     return jnp.where(tells, told, 0.0)
