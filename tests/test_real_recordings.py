@@ -1,4 +1,4 @@
-"""Grade on the real recordings: causal estimates against the plain non-causal one, on the same samples."""
+"""Grade on the real recordings against the plain non-causal estimate; sideslip and forces of a race car."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from benchmarks import race_car
 from benchmarks.real_logs import load, ours, plain, scores
 
 from roadstate.core import Log
@@ -72,3 +73,21 @@ def test_a_stream_says_what_the_scan_says(comma: tuple[Log, Vehicle]) -> None:
         float(now.values["grade"]), whole.values["grade"][count - 1], rtol=0, atol=1e-12
     )
     np.testing.assert_allclose(float(now.std["grade"]), whole.std["grade"][count - 1], rtol=0, atol=1e-12)
+
+
+def test_a_race_car_at_its_limit(shared_data: Path) -> None:
+    """Sideslip and axle forces from inertial sensors alone, and nothing hangs on the last digit."""
+    files = [shared_data / "revs_250lm" / "run_20140222_01_01_03.csv.gz"]
+    log, car = load("revs_250lm", files, [], "vehicle.yaml", "mapping.yaml")
+    log = log.between(log.time[0], log.time[0] + 130.0)  # the first lap
+    estimator = build("joint", car, log.available)
+    there = scan(estimator, log)
+    _, slip, r, inside, *forces = race_car.row("joint", there, log, car)
+    assert float(slip) < 0.6
+    assert float(r) > 0.93
+    assert float(inside.rstrip(" %")) > 80
+    assert max(float(share.rstrip(" %")) for share in forces) < 7
+    nudged = scan(estimator, log.with_channels({"accel_y": log["accel_y"] * (1 + 1e-7)}))
+    for quantity in ("velocity_y", "force_y_front", "friction_peak"):
+        apart = np.abs(nudged.values[quantity] - there.values[quantity])
+        assert np.max(apart / there.std[quantity]) < 0.01

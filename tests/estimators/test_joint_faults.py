@@ -28,11 +28,13 @@ Run = Callable[[Log], Estimates]
 
 @pytest.fixture(scope="module")
 def turn(drive: Callable[..., Log], vehicle: Vehicle) -> Turn:
-    """A level drive with bends: the single-track model in steady state, wheels that roll, white noise."""
+    """A level drive with bends: the linear single-track model in steady state, rolling wheels, noise."""
     geometry, tires, radius = vehicle.geometry, vehicle.tires, vehicle.wheels.radius
     assert vehicle.steering is not None
     base = geometry.cg_to_front_axle + geometry.cg_to_rear_axle
-    understeer = (1 / tires.cornering_stiffness_front - 1 / tires.cornering_stiffness_rear) / GRAVITY
+    rear = tires.cornering_stiffness_rear
+    understeer = (1 / tires.cornering_stiffness_front - 1 / rear) / GRAVITY
+    lean = 1 + GRAVITY * vehicle.body.pitch_gradient, 1 + GRAVITY * vehicle.body.roll_gradient
     ratio = vehicle.steering.ratio
 
     def make(speed: Array, yaw_rate: Array, seed: int = 0) -> Log:
@@ -40,10 +42,14 @@ def turn(drive: Callable[..., Log], vehicle: Vehicle) -> Turn:
         log = drive(speed, np.zeros(count))
         moving = np.where(np.abs(speed) < 0.5, np.inf, speed)
         steer = (base + understeer * speed**2) * yaw_rate / moving
+        across = speed * yaw_rate
+        slides = geometry.cg_to_rear_axle * yaw_rate - np.abs(speed) * across / GRAVITY / rear
+        backward = vehicle.mass * across * geometry.cg_to_rear_axle / base * np.sin(steer)
         tracks = np.repeat([geometry.track_front, geometry.track_rear], 2) * np.array([0.5, -0.5, 0.5, -0.5])
         channels = {
             **log.channels,
-            "accel_y": speed * yaw_rate * (1 + GRAVITY * vehicle.body.roll_gradient),
+            "accel_x": log["accel_x"] - lean[0] * slides * yaw_rate,
+            "accel_y": lean[1] * across,
             "yaw_rate": yaw_rate,
             "steering_wheel": ratio * steer,
             "speed": np.where(np.arange(count) % 10 == 0, np.abs(speed), np.nan),
@@ -55,6 +61,7 @@ def turn(drive: Callable[..., Log], vehicle: Vehicle) -> Turn:
             channels[spin] = np.abs(rolling + noise)
         # in reverse, what drives backward is drive and what slows is brakes
         torque = 2 * channels["drive_torque_fl"] - 4 * channels["brake_torque_fl"]
+        torque = torque + radius * (backward - vehicle.mass * slides * yaw_rate)
         pulls = torque * np.where(speed < 0, -1, 1) > 0
         channels |= {f"drive_torque_{w}": np.where(pulls, torque, 0.0) / 2 for w in ("fl", "fr")}
         channels |= {f"brake_torque_{w}": np.where(pulls, 0.0, np.abs(torque)) / 4 for w in WHEELS}

@@ -14,6 +14,7 @@ from roadstate.core.constants import GRAVITY
 from roadstate.estimators import slip_jump
 from roadstate.estimators.base import leaf
 from roadstate.estimators.friction_curve import TOP, Grip, bounded, elastic, theoretical_slip
+from roadstate.estimators.intake import SMOOTHING
 from roadstate.estimators.mixture import inherit, learn, moments
 from roadstate.estimators.sideways import (
     BANK,
@@ -58,6 +59,7 @@ _ANEW = (0.06, 12.0)  # change of a force over load that tells anew; else it doe
 _GIVES = (0.5, 0.03)
 _LEAST_STEP = 1e-3
 _FLOOR = -60.0  # of a log probability
+_FARTHEST = 4.0  # σ of the prior: no hypothesis may explain what it gets wrong by a constant further off
 # Which evidence counts for which part: F_y front, rear, F_x of four wheels. The parts: the car as if it stood
 # on one road, its wheels, its sides.
 _WEIGHTS = np.array(
@@ -137,6 +139,7 @@ class FrictionBank(eqx.Module):
     _slip_stiffness: Float[Array, ""]
     _shape: Float[Array, ""]
     _along_std: Float[Array, " m"]
+    _shake: Float[Array, ""]
 
     def __init__(self, vehicle: Vehicle) -> None:
         tires, prior = vehicle.tires, vehicle.prior
@@ -157,6 +160,7 @@ class FrictionBank(eqx.Module):
         self._shape = leaf(tires.shape)
         stiff, shape = prior.stiffness_relative, prior.tire_shape_std
         self.motion = Sideways(vehicle)
+        self._shake = leaf(vehicle.sensors.accel.noise_density / GRAVITY / (2 * SMOOTHING) ** 0.5)
         self._along_std = jnp.asarray(np.array([stiff, shape, _SLIP_OFFSET, _SLIP_OFFSET]))
 
     def init(self) -> BankState:
@@ -213,7 +217,9 @@ class FrictionBank(eqx.Module):
                 rows[STEER_BIAS] = -by_angle * jnp.sign(touch.speed)
             row = jnp.stack(rows)
             measured = touch.across[axle]
-            noise = touch.across_std[axle] ** 2 + _ERROR[0] ** 2 + (_ERROR[1] * measured) ** 2
+            noise = (
+                touch.across_std[axle] ** 2 + self._shake**2 + _ERROR[0] ** 2 + (_ERROR[1] * measured) ** 2
+            )
             noise = noise * (1 + self._gives[axle] * by_angle) ** 2 + (by_angle * _ANGLE_ERROR) ** 2
             known = jnp.isfinite(noise) & (jnp.abs(touch.speed) > SLOWEST)
             noise = jnp.where(known, noise, 1e12)
@@ -313,8 +319,12 @@ class FrictionBank(eqx.Module):
         fresh = born * jnp.exp(self.prior)
         whole = (1 - born) * p + fresh
         new = fresh / jnp.maximum(whole, 1e-30)
-        x, P = inherit(state.x, state.P, p[0], new[0])
-        y, Y = jax.vmap(inherit)(state.y, state.Y, p[_SIDES], new[_SIDES])
+        prior = self.motion.lasting_std
+        x, P = inherit(state.x, state.P, p[0], new[0], prior)
+        both = jax.vmap(inherit, (0, 0, 0, 0, None))
+        y, Y = both(state.y, state.Y, p[_SIDES], new[_SIDES], self._along_std)
+        most, along = _FARTHEST * prior[:, None], _FARTHEST * self._along_std[:, None]
+        x, y = jnp.clip(x, -most, most), jnp.clip(y, -along, along)
         return BankState(jnp.log(jnp.maximum(whole, 1e-30)), x, P, y, Y, state.level)
 
     def merged(self, state: BankState) -> tuple[Array, Array]:

@@ -31,8 +31,8 @@ _LEVER = 0.3  # m: 1σ of how far the accelerometer sits ahead of the centre of 
 SLOWEST = 3.0
 """Speed in m/s below which slip angles say nothing."""
 _AT_REST = 0.05  # m/s: 1σ of v_y then
-_ACCEL = 0.03  # m/s²/√Hz: white error of what moves the car sideways
 _LASTS = np.isin(np.arange(SIZE), [BIAS_Y, STIFF_F, STIFF_R, SHAPE_F, SHAPE_R, STEER_BIAS, BIAS_R])
+_ANY = 1e6  # 1σ of what may be anything: finite, for derivatives
 _IS_V_Y = np.arange(SIZE) == V_Y
 
 
@@ -77,13 +77,17 @@ class Sideways(eqx.Module):
 
     Attributes:
         std: (n,) 1σ before anything is known.
+        lasting_std: (n,) the same of what never changes, huge for the rest.
         arm: (2,) of front and rear axle, ahead of the centre of gravity, m.
         road: how bank changes with distance.
+        white: error of what moves the car sideways, m/s²/√Hz.
     """
 
     std: Float[Array, " n"]
+    lasting_std: Float[Array, " n"]
     arm: Float[Array, " 2"]
     road: GradePrior
+    white: Float[Array, ""]
 
     def __init__(self, vehicle: Vehicle) -> None:
         prior, sensors = vehicle.prior, vehicle.sensors
@@ -97,6 +101,8 @@ class Sideways(eqx.Module):
             )
         )
         self.road = GradePrior(leaf(bank), leaf(_BANK_LENGTH))
+        self.lasting_std = jnp.where(_LASTS | (np.arange(SIZE) == LEVER), self.std, _ANY)
+        self.white = leaf(sensors.accel.noise_density)
         geometry = vehicle.geometry
         self.arm = jnp.asarray([geometry.cg_to_front_axle, -geometry.cg_to_rear_axle])
 
@@ -133,7 +139,7 @@ class Sideways(eqx.Module):
         keep = jnp.where(_LASTS, jnp.exp(-dt / _LASTING), 1.0)
         held = jnp.where(is_slow & _IS_V_Y, 0.0, keep)
         forgotten = (1 - keep**2) * self.std**2
-        white = jnp.where(is_slow, _AT_REST**2, _ACCEL**2 * dt)
+        white = jnp.where(is_slow, _AT_REST**2, self.white**2 * dt)
         noise = jnp.eye(SIZE) * jnp.where(_IS_V_Y, white, forgotten)
         root_Q = self.road.sqrt_Q(distance)
         noise = noise + jnp.pad(root_Q @ root_Q.T, (BANK, SIZE - BANK - 2))
