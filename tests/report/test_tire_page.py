@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
+from typing import Any
 
+import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from test_page import Tables, columns, models
@@ -11,7 +15,7 @@ from test_page import Tables, columns, models
 from roadstate.core import InputError
 from roadstate.report.tables import Table
 from roadstate.report.tire_page import write_tire_page
-from roadstate.tires import Brush, MagicFormula
+from roadstate.tires import Brush, MagicFormula, TireModel
 
 pytest.importorskip("bokeh")
 
@@ -51,32 +55,39 @@ def drawn(page: str, x: np.ndarray, y: np.ndarray) -> bool:
     )
 
 
+@eqx.filter_jit
+def forces(model: TireModel, slip: Any, angle: Any, load: Any, friction: Any) -> Any:
+    return model.forces(slip, angle, load, friction, jnp.asarray(20.0))
+
+
 def test_pure_slip_is_drawn_at_every_load_and_the_fit_beside_it(page: str, tire: MagicFormula) -> None:
-    slip, angle = np.linspace(-0.3, 0.3, 201), np.linspace(-0.25, 0.25, 201)
-    for load in LOADS:
-        for model, mu in ((tire, 0.9), (Brush(), 0.8)):
-            F_x = np.asarray(model.forces(slip, 0.0, load, mu, 20.0).F_x)
-            F_y = np.asarray(model.forces(0.0, angle, load, mu, 20.0).F_y)
+    slip, angle, zero = np.linspace(-0.3, 0.3, 201), np.linspace(-0.25, 0.25, 201), np.zeros(201)
+    moments = eqx.filter_jit(MagicFormula.moments)
+    for load in np.array(LOADS):
+        for model, mu in ((tire, np.float64(0.9)), (Brush(), np.float64(0.8))):
+            F_x = np.asarray(forces(model, slip, zero, load, mu).F_x)
+            F_y = np.asarray(forces(model, zero, angle, load, mu).F_y)
             assert drawn(page, 100 * slip, F_x / 1e3)
             assert drawn(page, np.degrees(angle), F_y / 1e3)
-        M_z = np.asarray(tire.moments(0.0, angle, load, 0.9, 20.0).M_z)
+        M_z = np.asarray(moments(tire, zero, angle, load, np.float64(0.9), 20.0).M_z)
         assert drawn(page, np.degrees(angle), M_z)
 
 
 def test_combined_slip_and_camber_are_drawn_at_the_middle_load(page: str, tire: MagicFormula) -> None:
     slip, angle = np.linspace(-0.3, 0.3, 201), np.linspace(-0.25, 0.25, 201)
-    force = tire.forces(slip, 0.125, 4000.0, 0.9, 20.0)
+    force = forces(tire, slip, np.full(201, 0.125), np.float64(4000.0), np.float64(0.9))
     assert drawn(page, np.asarray(force.F_x) / 1e3, np.asarray(force.F_y) / 1e3)
-    leaning = tire.forces(0.0, angle, 4000.0, 0.9, 20.0, camber=np.radians(4.0)).F_y
+    leaning = eqx.filter_jit(partial(tire.forces, 0.0, camber=np.radians(4.0)))(angle, 4000.0, 0.9, 20.0).F_y
     assert drawn(page, np.degrees(angle), np.asarray(leaning) / 1e3)
     turn = np.linspace(0, 2 * np.pi, 181)
-    peak_x, peak_y = (4.0 * float(p) for p in tire.peak_friction(4000.0, 0.9))
+    peak_x, peak_y = (4.0 * float(p) for p in eqx.filter_jit(tire.peak_friction)(4000.0, 0.9))
     assert drawn(page, peak_x * np.cos(turn), peak_y * np.sin(turn))
 
 
 def test_what_the_load_does_is_drawn(page: str, tire: MagicFormula) -> None:
     F_z = np.linspace(1000.0, 7500.0, 61)
-    for values in (*tire.peak_friction(F_z, 0.9), *tire.relaxation_lengths(F_z)):
+    peaks, lengths = (eqx.filter_jit(f) for f in (tire.peak_friction, tire.relaxation_lengths))
+    for values in (*peaks(F_z, 0.9), *lengths(F_z)):
         assert drawn(page, F_z / 1e3, np.asarray(values))
 
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
+import equinox as eqx
 import numpy as np
 
 from roadstate.core import InputError
@@ -59,16 +60,21 @@ def load_facts(
         InputError: one of them is not finite.
     """
     F_z = np.asarray(loads)
-    columns = (
-        F_z,
-        *tire.peak_friction(F_z, friction),
-        *linear_stiffness(tire, F_z, friction),
-        *tire.relaxation_lengths(F_z),
-    )
+    columns = (F_z, *_over_load(tire, F_z, np.float64(friction)))
     rows = np.stack([np.asarray(column, float) for column in columns], axis=1)
     if not np.all(np.isfinite(rows)):
         raise InputError("its coefficients give no finite numbers at these loads", where=where)
     return [dict(zip(_COLUMNS, row.tolist(), strict=True)) for row in rows]
+
+
+@eqx.filter_jit
+def _over_load(tire: MagicFormula, load: Any, friction: Any) -> tuple[Any, ...]:
+    """Peak friction, slip stiffnesses and relaxation lengths, along and across each."""
+    return (
+        *tire.peak_friction(load, friction),
+        *linear_stiffness(tire, load, friction),
+        *tire.relaxation_lengths(load),
+    )
 
 
 def fit_named(

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
+import equinox as eqx
 import numpy as np
 from numpy.typing import NDArray
 
@@ -72,7 +74,8 @@ def write_tire_page(
     dashed = "" if fitted is None else f"Dashed: {fitted.name}, fitted. "
     middle = int(np.argsort(loads)[len(loads) // 2])
     over_load = _over_load(tire, loads, friction)
-    peaks = [loads[middle] * float(v) for v in tire.peak_friction(loads[middle], friction)]
+    highest = _peak_friction(tire, np.float64(loads[middle]), np.float64(friction))
+    peaks = [loads[middle] * float(v) for v in highest]
     sections = [
         Section("pure", "Pure slip", _pure(own, other, over_load), intro=dashed, columns=2),
         Section("combined", "Combined slip", _combined(own, other, middle, peaks), intro=dashed, columns=2),
@@ -149,11 +152,22 @@ def _combined(
     ]
 
 
+@eqx.filter_jit
+def _leaning(tire: MagicFormula, angle: Any, load: Any, friction: Any, camber: Any) -> tuple[Any, Any]:
+    """Lateral force and aligning moment."""
+    where = (0.0, angle, load, friction, SPEED)
+    return tire.forces(*where, camber=camber).F_y, tire.moments(*where, camber=camber).M_z
+
+
+@eqx.filter_jit
+def _peak_friction(tire: MagicFormula, load: Any, friction: Any) -> tuple[Any, Any]:
+    return tire.peak_friction(load, friction)
+
+
 def _camber(tire: MagicFormula, load: float, friction: float) -> list[Panel]:
     angle = np.linspace(-_LARGEST_ANGLE, _LARGEST_ANGLE, 201)
     camber = np.radians(_CAMBERS)[:, None]
-    F_y = np.asarray(tire.forces(0.0, angle, load, friction, SPEED, camber=camber).F_y)
-    M_z = np.asarray(tire.moments(0.0, angle, load, friction, SPEED, camber=camber).M_z)
+    F_y, M_z = (np.asarray(a) for a in _leaning(tire, angle, np.float64(load), np.float64(friction), camber))
     panels = []
     for key, unit, values in (("F_y", "kN", 1e-3 * F_y), ("M_z", "N·m", M_z)):
         drawn = [
@@ -169,7 +183,7 @@ def _over_load(tire: MagicFormula, loads: Sequence[float], friction: float) -> d
     F_z = np.linspace(0.5 * min(loads), 1.25 * max(loads), _POINTS_OVER_LOAD)
     found = curves(tire, F_z.tolist(), friction=friction, speed=SPEED, points=3)
     # not the highest of three points, but the formula's
-    peak_x, peak_y = (np.asarray(v) for v in tire.peak_friction(F_z, friction))
+    peak_x, peak_y = (np.asarray(v) for v in _peak_friction(tire, F_z, np.float64(friction)))
     return found | {"peak_x": peak_x, "peak_y": peak_y}
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -63,21 +64,28 @@ def curves(
         angle and ``relaxation_x``, ``relaxation_y`` (L,) m.
     """
     F_z = np.asarray(loads, dtype=float)
-    column = F_z[:, None]
     slip = np.linspace(-largest_slip, largest_slip, points)
     angle = np.linspace(-largest_slip_angle, largest_slip_angle, points)
     angles = np.linspace(0.0, largest_slip_angle, 5)
+    places = {"load": F_z, "slip": slip, "slip_angle": angle, "combined_slip_angle": angles}
+    found = _along(model, places, np.float64(friction), np.float64(speed))
+    return {name: np.asarray(values) for name, values in (places | found).items()}
+
+
+@eqx.filter_jit
+def _along(model: TireModel, places: dict[str, Any], friction: Any, speed: Any) -> dict[str, Numbers]:
+    """What :func:`curves` tells of these places, by one program: hundreds of small ones take longer."""
+    F_z, slip, angle, angles = (
+        places[name] for name in ("load", "slip", "slip_angle", "combined_slip_angle")
+    )
+    column = F_z[:, None]
     F_x = model.forces(slip, 0.0, column, friction, speed).F_x
     F_y = model.forces(0.0, angle, column, friction, speed).F_y
     combined = model.forces(slip, angles[:, None], column[..., None], friction, speed)
     stiffness_x, stiffness_y = linear_stiffness(model, F_z, friction, speed)
-    result: dict[str, Any] = {
-        "load": F_z,
-        "slip": slip,
-        "slip_angle": angle,
+    result = {
         "F_x": F_x,
         "F_y": F_y,
-        "combined_slip_angle": angles,
         "combined_F_x": combined.F_x,
         "combined_F_y": combined.F_y,
         "stiffness_x": stiffness_x,
@@ -88,4 +96,4 @@ def curves(
     if isinstance(model, MagicFormula):
         result["M_z"] = model.moments(0.0, angle, column, friction, speed).M_z
         result["relaxation_x"], result["relaxation_y"] = model.relaxation_lengths(F_z)
-    return {name: np.asarray(values) for name, values in result.items()}
+    return result
