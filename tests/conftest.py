@@ -8,13 +8,16 @@ import gc
 import math
 import os
 from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
 
 import jax
 import pytest
 from hypothesis import settings
 
-from roadstate.core.numerics import use_compilation_cache
+from roadstate.calibration import likelihood
+from roadstate.core import numerics
+from roadstate.run.chunk import scan_steps
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -24,7 +27,10 @@ if jax.__version_info__ < (0, 12):
     quickly = "--xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=0"
     os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {quickly}".strip()
 
-use_compilation_cache()  # the tests wait for compilers more than for anything else
+numerics._LOOP_OPTIONS["xla_backend_optimization_level"] = (
+    0  # nor are loops, unless a test asks: ``optimised``
+)
+numerics.use_compilation_cache()  # the tests wait for compilers more than for anything else
 # examples that compile, or wait for a busy machine, have no deadline
 settings.register_profile("roadstate", deadline=None)
 settings.load_profile("roadstate")
@@ -40,19 +46,41 @@ def pytest_collection_finish() -> None:
 def _forget_programs() -> Iterator[None]:
     """Let go of compiled programs, which otherwise come to gigabytes over a run, once there are many.
 
-    Not after every module: hundreds of small ones, such as those that build a plant, serve nearly all.
+    Not after every module: hundreds of small ones, such as those that build a plant, serve nearly all, and to
+    look through them for what can go takes seconds.
     """
     yield
-    if memory() > 3.0:
+    if memory() > share_of_memory():
         jax.clear_caches()
         gc.collect()
         give_back()
+
+
+@pytest.fixture
+def optimised(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The loops of scans and of likelihoods as users have them, which takes three times as long to compile.
+
+    For tests that go through some ten thousand steps, each of which is up to ten times as fast.
+    """
+    monkeypatch.setitem(numerics._LOOP_OPTIONS, "xla_backend_optimization_level", 1)
+    monkeypatch.setattr(import_module("roadstate.run.scan"), "_scan_chunk", numerics.jit_loop(scan_steps))
+    monkeypatch.setattr(likelihood, "_compiled", numerics.jit_loop(scan_steps))
 
 
 def give_back() -> None:
     """Hand what was freed to the system: glibc keeps it, and each module after would find too much in use."""
     with contextlib.suppress(OSError, AttributeError, TypeError):
         ctypes.CDLL(None).malloc_trim(0)
+
+
+def share_of_memory() -> float:
+    """What this process may have, GB: with the other workers half of what there is, but at least 3."""
+    try:
+        pages = os.sysconf("SC_PHYS_PAGES")
+    except (OSError, ValueError):
+        return 3.0
+    workers = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
+    return max(3.0, 0.5 * pages * os.sysconf("SC_PAGE_SIZE") / 1e9 / workers)
 
 
 def memory() -> float:
