@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import jax.scipy.linalg as jsl
@@ -20,10 +21,15 @@ def test_no_time_no_change_no_noise() -> None:
     assert np.all(model.sqrt_Q(U, jnp.asarray(0.0)) == 0)
 
 
+@eqx.filter_jit
+def linear_step(model: AssembledModel, x: jax.Array, dt: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """F and the noise's root of one step."""
+    return jax.jacfwd(lambda x: model.f(x, U, dt))(x), model.sqrt_Q(U, dt)
+
+
 def covariance(model: AssembledModel, P: np.ndarray, duration: float, steps: int) -> np.ndarray:
     dt = jnp.asarray(duration / steps)
-    F = np.asarray(jax.jacfwd(lambda x: model.f(x, U, dt))(X))
-    root = np.asarray(model.sqrt_Q(U, dt))
+    F, root = (np.asarray(a) for a in linear_step(model, X, dt))
     for _ in range(steps):
         P = F @ P @ F.T + root @ root.T
     return P
@@ -71,16 +77,15 @@ def test_the_noise_of_the_vehicles_states_is_of_first_order() -> None:
     x, duration = jnp.zeros(2), 0.4
     A = np.asarray(jax.jacfwd(car.derivative)(jnp.asarray([20.0, 0, 0]), jnp.zeros(4)))[1:, 1:]
     Qc = np.diag([0.3**2, 0.1**2])
-    block = jsl.expm(jnp.block([[-A, Qc], [np.zeros((2, 2)), A.T]]) * duration)
+    block = jsl.expm(jnp.asarray(np.block([[-A, Qc], [np.zeros((2, 2)), A.T]]) * duration))
     exact = np.asarray(block[2:, 2:].T @ block[:2, 2:])
     errors = []
     for steps in (20, 40, 80, 160):
         dt = jnp.asarray(duration / steps)
-        F = np.asarray(jax.jacfwd(lambda x, dt=dt: model.f(x, U, dt))(x))
-        Q = np.asarray(model.sqrt_Q(U, dt)) ** 2
+        F, root = (np.asarray(a) for a in linear_step(model, x, dt))
         P = np.zeros((2, 2))
         for _ in range(steps):
-            P = F @ P @ F.T + Q
+            P = F @ P @ F.T + root**2
         errors.append(np.max(np.abs(P - exact) / np.sqrt(np.outer(np.diag(exact), np.diag(exact)))))
     np.testing.assert_allclose(np.array(errors[:-1]) / errors[1:], 2, rtol=0.1)
     assert errors[-1] < 0.02

@@ -112,9 +112,9 @@ def test_eigh(n: int, kind: str) -> None:
 @pytest.mark.parametrize("n", [4, 12])
 def test_derivatives(make: Any, n: int) -> None:
     A = jnp.asarray(positive(n)[0])
-    check_grads(make, (A,), order=1, modes=["fwd", "rev"], atol=1e-4, rtol=1e-4)
+    check_grads(jax.jit(make), (A,), order=1, modes=["fwd", "rev"], atol=1e-4, rtol=1e-4)
 
 
 def test_derivative_of_a_solution() -> None:
     A, B = jnp.asarray(random(5, 5)), jnp.asarray(random(5, 2))
-    check_grads(dense.solve, (A, B), order=1, modes=["fwd", "rev"], atol=1e-4, rtol=1e-4)
+    check_grads(jax.jit(dense.solve), (A, B), order=1, modes=["fwd", "rev"], atol=1e-4, rtol=1e-4)
