@@ -27,9 +27,8 @@ if jax.__version_info__ < (0, 12):
     quickly = "--xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=0"
     os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {quickly}".strip()
 
-numerics._LOOP_OPTIONS["xla_backend_optimization_level"] = (
-    0  # nor are loops, unless a test asks: ``optimised``
-)
+# nor are loops optimised, unless a test asks for it (``optimised``)
+numerics.LOOP_OPTIONS["xla_backend_optimization_level"] = 0
 numerics.use_compilation_cache()  # the tests wait for compilers more than for anything else
 # examples that compile, or wait for a busy machine, have no deadline
 settings.register_profile("roadstate", deadline=None)
@@ -62,7 +61,7 @@ def optimised(monkeypatch: pytest.MonkeyPatch) -> None:
 
     For tests that go through some ten thousand steps, each of which is up to ten times as fast.
     """
-    monkeypatch.setitem(numerics._LOOP_OPTIONS, "xla_backend_optimization_level", 1)
+    monkeypatch.setitem(numerics.LOOP_OPTIONS, "xla_backend_optimization_level", 1)
     monkeypatch.setattr(import_module("roadstate.run.scan"), "_scan_chunk", numerics.jit_loop(scan_steps))
     monkeypatch.setattr(likelihood, "_compiled", numerics.jit_loop(scan_steps))
 

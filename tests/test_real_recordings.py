@@ -75,6 +75,7 @@ def test_a_stream_says_what_the_scan_says(comma: tuple[Log, Vehicle]) -> None:
     np.testing.assert_allclose(float(now.std["grade"]), whole.std["grade"][count - 1], rtol=0, atol=1e-12)
 
 
+@pytest.mark.usefixtures("optimised")
 def test_a_race_car_at_its_limit(shared_data: Path) -> None:
     """Sideslip and axle forces from inertial sensors alone, and nothing hangs on the last digit."""
     files = [shared_data / "revs_250lm" / "run_20140222_01_01_03.csv.gz"]

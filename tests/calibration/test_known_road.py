@@ -7,7 +7,7 @@ import pytest
 
 from roadstate.calibration import Learned, calibrate, fit
 from roadstate.calibration.known_road import on_road
-from roadstate.calibration.likelihood import Evaluation, Likelihood
+from roadstate.calibration.likelihood import Likelihood
 from roadstate.calibration.parameters import select
 from roadstate.core import WHEELS, InputError, Log
 from roadstate.core.constants import GRAVITY
@@ -85,26 +85,7 @@ def test_estimator_without_hypotheses(car: Vehicle, level: Log) -> None:
         calibrate(car, {"level": level}, ["mass"], estimator="kmbe", road_friction=0.8)
 
 
-@pytest.fixture
-def remembered(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Fits that come to the same place of the same car run the filter there once.
-
-    What a fit takes the uncertainty from does not move the fit, so another like it is where it was.
-    """
-    known: dict[tuple[object, ...], Evaluation] = {}
-
-    class Remembering(Likelihood):
-        def __call__(self, *where: np.ndarray | None) -> Evaluation:
-            names = tuple(p.name for p in self.parameters)
-            place = (repr(self.vehicle), names, *(None if a is None else a.tobytes() for a in where))
-            if place not in known:
-                known[place] = super().__call__(*where)
-            return known[place]
-
-    monkeypatch.setattr(fit, "Likelihood", Remembering)
-
-
-@pytest.mark.usefixtures("optimised", "remembered")
+@pytest.mark.usefixtures("optimised")
 def test_tires_owe_their_uncertainty_to_the_yaw_inertia_as_well(
     car: Vehicle, bends: Log, monkeypatch: pytest.MonkeyPatch
 ) -> None:

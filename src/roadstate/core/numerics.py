@@ -17,7 +17,7 @@ from roadstate.core.kernel import one_kernel
 P = ParamSpec("P")
 R = TypeVar("R")
 
-_LOOP_OPTIONS: dict[str, bool | str | int] = {
+LOOP_OPTIONS: dict[str, bool | str | int] = {
     # a step over small arrays has nothing worth running in parallel; the attempt doubles its time
     "xla_cpu_scheduler_type": "CPU_SCHEDULER_TYPE_MEMORY_OPTIMIZED",
     "xla_cpu_multi_thread_eigen": False,
@@ -28,6 +28,7 @@ _LOOP_OPTIONS: dict[str, bool | str | int] = {
     # what the compiler does beyond this takes a third of its time and gains a step nothing
     "xla_backend_optimization_level": 1,
 }
+"""XLA's, for programs of many operations on small arrays."""
 
 # XLA's factorisations wait, on a thread of its pool, for others of that pool. When several programs run at
 # once (run.batch has two a core) and each waits like this, a pool of one thread a program has none left: all
@@ -81,7 +82,7 @@ def jit_loop(function: Callable[P, R]) -> Callable[P, R]:
 
 def loop_options() -> dict[str, bool | str | int]:
     """For ``compiler_options``: what suits programs of many operations on small arrays, on this backend."""
-    return {k: v for k, v in _LOOP_OPTIONS.items() if jax.default_backend() == "cpu" and _is_known(k, v)}
+    return {k: v for k, v in LOOP_OPTIONS.items() if jax.default_backend() == "cpu" and _is_known(k, v)}
 
 
 @cache
