@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -79,6 +80,32 @@ def test_coverage_counts_what_the_interval_holds() -> None:
     assert speed_metrics(ESTIMATE, TRUTH, STD).coverage95 == pytest.approx(1 / 4)
     just_inside, just_outside = 1.959963, 1.959965
     assert speed_metrics([just_inside, just_outside], [0.0, 0.0]).coverage95 == pytest.approx(0.5)
+
+
+def test_a_reference_that_errs_itself_is_counted() -> None:
+    estimates, log = case([0.02, -0.01], [0.0, 0.0], 0.006, quantity="grade")
+    log = replace(log, metadata={"reference_std": {"ref_grade": 0.008}})
+    found = evaluate(estimates, log)["grade"]
+    assert found.nees == pytest.approx((0.02**2 + 0.01**2) / 2 / 0.01**2)
+    assert found.coverage95 == 0.5
+    assert found.rmse == pytest.approx(
+        evaluate(*case([0.02, -0.01], [0.0, 0.0], quantity="grade"))["grade"].rmse
+    )
+
+
+@pytest.mark.parametrize("told", [-0.1, math.nan, math.inf, "much", True, None])
+def test_what_is_no_standard_deviation_of_a_reference_is_refused(told: object) -> None:
+    estimates, log = case([0.02], [0.0], quantity="grade")
+    log = replace(log, metadata={"reference_std": {"ref_grade": told}})
+    with pytest.raises(InputError, match="reference_std"):
+        evaluate(estimates, log)
+
+
+@pytest.mark.parametrize("told", [{}, {"ref_altitude": 1.0}, None, 3])
+def test_a_reference_of_which_nothing_is_told_is_exact(told: object) -> None:
+    estimates, log = case([0.02], [0.0], 0.02, quantity="grade")
+    log = replace(log, metadata={"reference_std": told})
+    assert evaluate(estimates, log)["grade"].nees == pytest.approx(1.0)
 
 
 def test_without_a_standard_deviation_there_is_no_nees() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -59,7 +60,9 @@ class Metrics:
 def evaluate(estimates: Estimates, log: Log, *, settle: float = 0.0) -> dict[str, Metrics]:
     """Compare each quantity that has a reference in the log, over the samples where both are finite.
 
-    Grade is compared as slope in per cent, 100·(tan θ̂ − tan θ); NEES and coverage use the angle and its σ.
+    Grade is compared as slope in per cent, 100·(tan θ̂ − tan θ); NEES and coverage use the angle and its σ. A
+    reference that is derived errs itself: where the log's metadata says by how much (``reference_std``), e is
+    held against √(σ² + σ_ref²).
 
     Args:
         estimates: (T,) on the log's own time base.
@@ -91,12 +94,38 @@ def evaluate(estimates: Estimates, log: Log, *, settle: float = 0.0) -> dict[str
                 where=", ".join(REFERENCES[quantity].channels),
                 mend=f"use a shorter settle; the last one lies at {elapsed[both][-1]:.6g} s",
             )
-        std = estimates.std.get(quantity, np.full_like(values, np.nan))
+        own = reference_std(log, REFERENCES[quantity].channels)
+        std = np.hypot(estimates.std.get(quantity, np.full_like(values, np.nan)), own)
         settled = settle_time(
             elapsed[both], presented(quantity, values[both]) - presented(quantity, truth[both])
         )
         found[quantity] = _metrics(quantity, values[used], truth[used], std[used], settled)
     return found
+
+
+def reference_std(log: Log, channels: Iterable[str]) -> float:
+    """1σ of a reference's own error, in its SI unit, as the log's metadata tells; 0 where it does not.
+
+    Args:
+        log: its metadata may map channels to 1σ under ``reference_std``, as
+            :meth:`roadstate.io.Mapping.apply` does for a grade derived from an altitude.
+        channels: the reference is made of; only of a single one it is told.
+
+    Raises:
+        InputError: what is told is no standard deviation.
+    """
+    told = log.metadata.get("reference_std", {})
+    names = [name for name in channels if isinstance(told, dict) and name in told]
+    if len(names) != 1:
+        return 0.0
+    value = told[names[0]]
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < math.inf:
+        raise InputError(
+            f"metadata 'reference_std' gives {value!r}, which is no standard deviation",
+            where=names[0],
+            mend="give a number of 0 or more, or leave it out",
+        )
+    return float(value)
 
 
 def presented(quantity: str, values: Array) -> Array:
