@@ -5,6 +5,7 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from roadstate.core.kernel import once
 from roadstate.linalg import root
 
 _ROBUST = 16.0  # squared deviations, over σ², from which on a sample counts less
@@ -78,6 +79,6 @@ def inherit(x: Array, P: Array, p: Array, new: Array, prior: Array) -> tuple[Arr
     whole = jnp.sum(p * (P + apart[:, None] * apart[None]), axis=2, keepdims=True)
     own = root(jnp.sum(whole[:, :, 0] * jnp.eye(len(x), dtype=P.dtype), axis=1))
     scale = jnp.minimum(prior / jnp.maximum(own, 1e-30), 1.0)
-    whole = whole * (scale[:, None] * scale)[:, :, None]
+    whole = once(whole * (scale[:, None] * scale)[:, :, None])
     shift = (1 - new) * new * (apart[:, None] * apart[None])
     return x - new * apart, (1 - new) * P + new * whole + shift
