@@ -121,6 +121,9 @@ class FrictionBank(eqx.Module):
     with a rate per distance, so that without evidence the posterior returns to the prior as the car drives
     on, and a sudden change is a hypothesis that is always there.
 
+    A hypothesis that is wrong would rather believe in an accelerometer's bias of 7 m/s² than give in. So what
+    never changes keeps to what the vehicle file says of it, within 4 σ.
+
     The parts of the car share hypotheses but not evidence: each weighs what its own tires tell. But a rear
     wheel rolls where the front one has been, so as the car drives on a wheel takes over what its side has
     found.
@@ -160,6 +163,7 @@ class FrictionBank(eqx.Module):
         self._shape = leaf(tires.shape)
         stiff, shape = prior.stiffness_relative, prior.tire_shape_std
         self.motion = Sideways(vehicle)
+        # what the low pass leaves of the accelerometer's white noise in a force over load
         self._shake = leaf(vehicle.sensors.accel.noise_density / GRAVITY / (2 * SMOOTHING) ** 0.5)
         self._along_std = jnp.asarray(np.array([stiff, shape, _SLIP_OFFSET, _SLIP_OFFSET]))
 
@@ -217,9 +221,8 @@ class FrictionBank(eqx.Module):
                 rows[STEER_BIAS] = -by_angle * jnp.sign(touch.speed)
             row = jnp.stack(rows)
             measured = touch.across[axle]
-            noise = (
-                touch.across_std[axle] ** 2 + self._shake**2 + _ERROR[0] ** 2 + (_ERROR[1] * measured) ** 2
-            )
+            noise = self._shake**2 + _ERROR[0] ** 2 + (_ERROR[1] * measured) ** 2
+            noise = noise + touch.across_std[axle] ** 2
             noise = noise * (1 + self._gives[axle] * by_angle) ** 2 + (by_angle * _ANGLE_ERROR) ** 2
             known = jnp.isfinite(noise) & (jnp.abs(touch.speed) > SLOWEST)
             noise = jnp.where(known, noise, 1e12)

@@ -32,6 +32,7 @@ SLOWEST = 3.0
 """Speed in m/s below which slip angles say nothing."""
 _AT_REST = 0.05  # m/s: 1σ of v_y then
 _LASTS = np.isin(np.arange(SIZE), [BIAS_Y, STIFF_F, STIFF_R, SHAPE_F, SHAPE_R, STEER_BIAS, BIAS_R])
+_ACCEL = 0.01  # m/s²/√Hz: white error of what moves the car sideways, however good the accelerometer
 _ANY = 1e6  # 1σ of what may be anything: finite, for derivatives
 _IS_V_Y = np.arange(SIZE) == V_Y
 
@@ -102,7 +103,7 @@ class Sideways(eqx.Module):
         )
         self.road = GradePrior(leaf(bank), leaf(_BANK_LENGTH))
         self.lasting_std = jnp.where(_LASTS | (np.arange(SIZE) == LEVER), self.std, _ANY)
-        self.white = leaf(sensors.accel.noise_density)
+        self.white = jnp.maximum(leaf(sensors.accel.noise_density), _ACCEL)
         geometry = vehicle.geometry
         self.arm = jnp.asarray([geometry.cg_to_front_axle, -geometry.cg_to_rear_axle])
 
