@@ -15,6 +15,7 @@ from roadstate.core.numerics import use_compilation_cache
 from roadstate.estimators import build, runnable
 from roadstate.run import scan
 from roadstate.vehicles import Vehicle
+from roadstate.vehicles.sensors import Accelerometer
 
 Array = NDArray[np.float64]
 SETTLE = 5.0  # s
@@ -74,6 +75,32 @@ def friction_rows(estimates: Estimates, log: Log) -> list[str]:
     return cells
 
 
+def told_otherwise(car: Vehicle) -> dict[str, Vehicle]:
+    """Vehicle files that are wrong by what such figures are wrong by."""
+
+    def changed(section: str, **figures: object) -> Vehicle:
+        return car.model_copy(update={section: getattr(car, section).model_copy(update=figures)})
+
+    front, rear = car.tires.cornering_stiffness_front, car.tires.cornering_stiffness_rear
+    quiet = car.sensors.accel.model_copy(update={"noise_density": Accelerometer().noise_density})
+    return {
+        "as in the file": car,
+        "tires 15 % softer": changed(
+            "tires", cornering_stiffness_front=0.85 * front, cornering_stiffness_rear=0.85 * rear
+        ),
+        "tires 15 % stiffer": changed(
+            "tires", cornering_stiffness_front=1.15 * front, cornering_stiffness_rear=1.15 * rear
+        ),
+        "front stiffer, rear softer by 10 %": changed(
+            "tires", cornering_stiffness_front=1.1 * front, cornering_stiffness_rear=0.9 * rear
+        ),
+        "friction 0.9": changed("tires", friction=0.9),
+        "friction 1.3": changed("tires", friction=1.3),
+        "yaw inertia 20 % larger": car.model_copy(update={"yaw_inertia": 1.2 * car.yaw_inertia}),
+        "accelerometer's noise not told": changed("sensors", accel=quiet),
+    }
+
+
 def main() -> None:
     """Print the tables."""
     files = [DATA / "revs_250lm" / "run_20140222_01_01_03.csv.gz"]
@@ -93,6 +120,12 @@ def main() -> None:
     print("|---|" + "---|" * len(CLASSES))
     for name, estimates in results.items():
         print(f"| {name} | " + " | ".join(friction_rows(estimates, log)) + " |")
+    names = ["joint", "friction-ukf"]
+    print(f"\n| sideslip RMSE, °, and its interval, with the vehicle file's | {' | | '.join(names)} | |")
+    print("|---|" + "---|---|" * len(names))
+    for what, other in told_otherwise(car).items():
+        found = (row(n, scan(build(n, other, log.available), log), log, other) for n in names)
+        print(f"| {what} | " + " | ".join(f"{cells[1]} | {cells[3]}" for cells in found) + " |")
 
 
 def _rmse(error: Array, where: NDArray[np.bool_]) -> float:
