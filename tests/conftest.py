@@ -29,6 +29,8 @@ if jax.__version_info__ < (0, 12):
 
 # nor are loops optimised, unless a test asks for it (``optimised``)
 numerics.LOOP_OPTIONS["xla_backend_optimization_level"] = 0
+# where in the sources each operation comes from takes a twentieth of the tests' time to write down
+jax.config.update("jax_traceback_in_locations_limit", 0)
 numerics.use_compilation_cache()  # the tests wait for compilers more than for anything else
 # examples that compile, or wait for a busy machine, have no deadline
 settings.register_profile("roadstate", deadline=None)
