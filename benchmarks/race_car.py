@@ -124,7 +124,8 @@ def main() -> None:
     print(f"\n| sideslip RMSE, °, and its interval, with the vehicle file's | {' | | '.join(names)} | |")
     print("|---|" + "---|---|" * len(names))
     for what, other in told_otherwise(car).items():
-        found = (row(n, scan(build(n, other, log.available), log), log, other) for n in names)
+        told = results if other is car else {n: scan(build(n, other, log.available), log) for n in names}
+        found = (row(n, told[n], log, other) for n in names)
         print(f"| {what} | " + " | ".join(f"{cells[1]} | {cells[3]}" for cells in found) + " |")
 
 

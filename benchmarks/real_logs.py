@@ -19,7 +19,7 @@ from roadstate.core.constants import GRAVITY
 from roadstate.core.numerics import use_compilation_cache
 from roadstate.estimators import build
 from roadstate.io import load_mapping, read_all
-from roadstate.metrics import evaluate, reference_std
+from roadstate.metrics import error_std, evaluate, reference_std
 from roadstate.run import scan
 from roadstate.vehicles import Vehicle, load_vehicle
 
@@ -70,13 +70,17 @@ def scores(percent: Array, log: Log, where: NDArray[np.bool_]) -> dict[str, floa
 
 
 def ours(name: str, log: Log, car: Vehicle, where: NDArray[np.bool_]) -> tuple[dict[str, float], Estimates]:
-    """The estimator's scores on the same samples, with coverage and NEES (the reference's own σ counted)."""
+    """The estimator's :func:`judged` scores on the same samples."""
     estimates = scan(build(name, car, log.available), log)
+    return judged(estimates, log, where), estimates
+
+
+def judged(estimates: Estimates, log: Log, where: NDArray[np.bool_]) -> dict[str, float]:
+    """Scores of estimates on some samples, with coverage and NEES (the reference's own σ counted)."""
     row = scores(100 * np.tan(estimates.values["grade"]), log, where)
-    std = np.hypot(estimates.std["grade"], reference_std(log, ["ref_grade"]))
-    z = (estimates.values["grade"] - log["ref_grade"]) / std
+    z = (estimates.values["grade"] - log["ref_grade"]) / error_std(estimates, log, "grade")
     z = z[where & np.isfinite(z)]
-    return row | {"coverage": float((np.abs(z) < 1.96).mean()), "NEES": float((z**2).mean())}, estimates
+    return row | {"coverage": float((np.abs(z) < 1.96).mean()), "NEES": float((z**2).mean())}
 
 
 def table(title: str, rows: dict[str, dict[str, Any]]) -> str:
@@ -130,7 +134,8 @@ def css_mf4() -> str:
     baseline = plain(log, log["speed"], 3.0)
     middle = float(log.time[0] + log.time[-1]) / 2
     parts = []
-    results: dict[str, Estimates] = {}
+    names = ("joint", "kmbe", "debe")
+    results = {name: scan(build(name, car, log.available), log) for name in names}
     halves = {
         "first half (parameters set here)": log.time < middle,
         "second half": log.time >= middle,
@@ -138,8 +143,7 @@ def css_mf4() -> str:
     }
     for title, where in halves.items():
         rows = {"plain, 3 s, not causal": scores(baseline, log, where)}
-        for name in ("joint", "kmbe", "debe"):
-            rows[f"{name}, causal"], results[name] = ours(name, log, car, where)
+        rows |= {f"{name}, causal": judged(e, log, where) for name, e in results.items()}
         parts.append(table(f"css_mf4, {title}", rows))
     metrics = {n: evaluate(e, log)["grade"].to_json() for n, e in results.items()}
     parts.append(reference_noise(log, results))

@@ -94,13 +94,28 @@ def evaluate(estimates: Estimates, log: Log, *, settle: float = 0.0) -> dict[str
                 where=", ".join(REFERENCES[quantity].channels),
                 mend=f"use a shorter settle; the last one lies at {elapsed[both][-1]:.6g} s",
             )
-        own = reference_std(log, REFERENCES[quantity].channels)
-        std = np.hypot(estimates.std.get(quantity, np.full_like(values, np.nan)), own)
+        std = error_std(estimates, log, quantity)
         settled = settle_time(
             elapsed[both], presented(quantity, values[both]) - presented(quantity, truth[both])
         )
         found[quantity] = _metrics(quantity, values[used], truth[used], std[used], settled)
     return found
+
+
+def error_std(estimates: Estimates, log: Log, quantity: str) -> Array:
+    """(T,) 1σ of estimate − reference, √(σ² + σ_ref²), in the quantity's SI unit; NaN without σ.
+
+    Args:
+        estimates: (T,).
+        log: as of :func:`reference_std`.
+        quantity: one that has a reference.
+
+    Raises:
+        InputError: as :func:`reference_std`.
+    """
+    own = reference_std(log, REFERENCES[quantity].channels)
+    std = estimates.std.get(quantity, np.full_like(estimates.values[quantity], np.nan))
+    return np.hypot(std, own)
 
 
 def reference_std(log: Log, channels: Iterable[str]) -> float:

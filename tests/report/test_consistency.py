@@ -9,6 +9,7 @@ import pytest
 from scipy import stats
 
 from roadstate.core import Estimates, Log
+from roadstate.metrics import evaluate
 from roadstate.report.consistency import (
     EXPECTED_BEYOND,
     LAGS,
@@ -140,6 +141,18 @@ def test_a_wrong_sigma_is_found() -> None:
     assert found.nees.value == pytest.approx(4.0, rel=0.1)
     assert not found.nees.inside
     assert not found.coverage.inside
+
+
+def test_the_page_says_of_an_erring_reference_what_the_table_says() -> None:
+    rng, t = np.random.default_rng(2), np.arange(400.0)
+    grade = rng.normal(0.0, 0.01, len(t))
+    estimates = Estimates(t, {"grade": grade}, {"grade": np.full(len(t), 0.006)}, np.zeros(len(t), np.int8))
+    log = Log(t, {"ref_grade": np.zeros(len(t))}, {"reference_std": {"ref_grade": 0.008}})
+    found, row = error_consistency(estimates, log, "grade"), evaluate(estimates, log)["grade"]
+    assert found is not None
+    assert found.nees.value == pytest.approx(np.mean((grade / 0.01) ** 2))
+    assert found.nees.value == pytest.approx(row.nees)
+    assert found.coverage.value == pytest.approx(row.coverage95)
 
 
 def test_a_constant_error_has_no_band() -> None:

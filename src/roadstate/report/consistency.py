@@ -23,6 +23,7 @@ from roadstate.consistency import (
 )
 from roadstate.core import Estimates, Log
 from roadstate.core import reference as reference_of
+from roadstate.metrics import error_std
 
 Array = NDArray[np.float64]
 
@@ -146,7 +147,7 @@ def error_consistency(estimates: Estimates, log: Log, quantity: str) -> ErrorCon
     reference = reference_of(quantity, log.channels)
     if reference is None or quantity not in estimates.std:
         return None
-    error, std = estimates.values[quantity] - reference, estimates.std[quantity]
+    error, std = estimates.values[quantity] - reference, error_std(estimates, log, quantity)
     there = np.isfinite(error) & np.isfinite(std) & (std > 0)
     if not there.any():
         return None
