@@ -109,7 +109,7 @@ class TestBank:
             across=jnp.zeros(2),
             along=jnp.asarray(along) * four,
             slip=jnp.asarray(slip) * four,
-            slip_std=jnp.asarray(0.002),
+            slip_std=jnp.full(4, 0.002),
             slip_shared=jnp.asarray(0.002),
             across_std=jnp.zeros(2),
             along_std=jnp.zeros(4),
@@ -160,7 +160,7 @@ class TestBank:
     def test_a_wheel_that_is_worn_is_known_by_its_rolling(self, vehicle: Vehicle) -> None:
         """Rolling freely it seems to slip 4 ‰: that is its radius, not friction."""
         bank = FrictionBank(vehicle)
-        state = self.driven(bank, (20.0, self.touch(0.0, [0.004, 0.0, 0.0, 0.0])))
+        state = self.driven(bank, (30.0, self.touch(0.0, [0.004, 0.0, 0.0, 0.0])))
         offsets = np.exp(np.asarray(state.log_weight[5])) @ np.asarray(state.y)[0, 2:].T
         assert 0.0025 < offsets[0] < 0.0042
         assert offsets[1] == pytest.approx(0.0, abs=0.0015)
@@ -246,7 +246,7 @@ def test_noise_does_not_wear_the_stiffness_away(vehicle: Vehicle) -> None:
             across=used + 0.3 * noise[:1] / GRAVITY * jnp.ones(2),
             along=0.0 * four,
             slip=0.0 * four,
-            slip_std=jnp.asarray(0.002),
+            slip_std=jnp.full(4, 0.002),
             slip_shared=jnp.asarray(0.002),
             across_std=jnp.zeros(2),
             along_std=jnp.zeros(4),

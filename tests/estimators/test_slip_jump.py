@@ -26,7 +26,7 @@ def touch(slip: Array, force: Array, shared: float = 0.02) -> Touch:
     zero = jnp.zeros(())
     return Touch(
         speed=zero + 14.0, accel_y=zero, yaw_rate=zero, yaw_accel=zero, lateral=zero, angle=jnp.zeros(2),
-        across=jnp.zeros(2), along=jnp.asarray(force), slip=jnp.asarray(slip), slip_std=zero + 0.0015,
+        across=jnp.zeros(2), along=jnp.asarray(force), slip=jnp.asarray(slip), slip_std=jnp.full(4, 0.0015),
         slip_shared=zero + shared, across_std=jnp.zeros(2), along_std=jnp.zeros(4), transfer=jnp.zeros(2),
         lag=zero + 0.05,
     )  # fmt: skip
@@ -49,6 +49,13 @@ def _slips(beyond: list[float], force: float) -> Array:
 def test_an_axle_that_comes_onto_ice_jumps(sign: int) -> None:
     found = gains([0, 0, 0, 0], [sign * 0.009, sign * 0.009, 0, 0], sign * FORCE, sign * FORCE)
     np.testing.assert_allclose(found, [0.009, 0.009, 0, 0], atol=1e-12)
+
+
+def test_a_speed_that_follows_the_wheels_hides_no_jump() -> None:
+    found = gains([0, 0, 0, 0], [0.007, 0.007, -0.0015, -0.0015])
+    np.testing.assert_allclose(found[:2], 0.0085, atol=1e-12)
+    found = gains([0, 0, 0, 0], [0.007, 0.007, -0.008, -0.008])  # so far no speed follows
+    np.testing.assert_allclose(found[:2], 0.009, atol=1e-12)
 
 
 @pytest.mark.parametrize(

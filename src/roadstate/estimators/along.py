@@ -16,6 +16,7 @@ from roadstate.core.channels import WHEELS
 from roadstate.core.constants import GRAVITY
 from roadstate.core.gaussian import Gaussian
 from roadstate.estimators.base import leaf
+from roadstate.estimators.intake import WHEEL_SPEEDS
 from roadstate.estimators.pitch import Pitching
 from roadstate.estimators.road import GradePrior
 from roadstate.estimators.tire_forces import BRAKE_RELATIVE
@@ -30,6 +31,7 @@ _ACCEL_SCALE = 0.01  # 1σ of the accelerometer's scale
 _LASTING = 3600.0  # s over which what belongs to the car or its sensors keeps its value
 _BRAKE_LASTING = 600.0  # s: pads warm up
 _CAUGHT = 2.0  # m/s: 1σ of what a sensor's lies do to the speed until they are found
+_SLIP = (0.7, 4.0)  # 1σ of what wheels slip beyond their force, as a share of that, and s for which it lasts
 _WHEEL_SPREAD = 0.003  # 1σ of one wheel's radius against the others'
 
 
@@ -46,6 +48,7 @@ class AlongInput(NamedTuple):
         smooth_across: low-passed specific force across, freed of roll, m/s².
         turning: yaw rate, rad/s.
         pitching: what turns the body's attitude.
+        slip: (4,) what the force of each wheel makes it slip.
         sensor_std: (m,) 1σ of a sample.
     """
 
@@ -59,20 +62,23 @@ class AlongInput(NamedTuple):
     smooth_across: Float[Array, ""]
     turning: Float[Array, ""]
     pitching: Pitching
+    slip: Float[Array, " 4"]
     sensor_std: Float[Array, " m"]
 
 
 class AlongModel(StateSpaceModel):
     """Speed, slope, and the errors of sensors and car, as far as the channels tell of them; affine in x.
 
-    x = [v_x, g sin θ, its rate of distance, b, κ | ψ_m | δk, b_q, δk_φ, φ_m | ε_m, γ_d, γ_b, δf | ε_R | Θ |
-    z, z_wander], with v̇_x = a_x − b − κ ā_x − ψ_m ā_y − g sin θ + v_y r: bias, scale and mounting yaw of the
-    accelerometer (the last with a lateral one); with a pitch rate the errors of the pitch gradient k, of the
-    gyroscope, of the roll gradient and the mounting roll, and the body's nose-up attitude Θ̇ = Θ̇_told + b_q +
-    r (δk_φ ā_y + φ_m); with torques the relative errors of mass, drive and brakes and that of the rolling
-    resistance; that of the rolling radius with a speed that is not the wheels'; height with an altitude.
+    x = [v_x, g sin θ, its rate of distance, b, κ | ψ_m | δk, b_q, δk_φ, φ_m | ε_σ | ε_m, γ_d, γ_b, δf | ε_R |
+    Θ | z, z_wander], with v̇_x = a_x − b − κ ā_x − ψ_m ā_y − g sin θ + v_y r: bias, scale and mounting yaw of
+    the accelerometer (the last with a lateral one); with a pitch rate the errors of the pitch gradient k, of
+    the gyroscope, of the roll gradient and the mounting roll, and the body's nose-up attitude Θ̇ = Θ̇_told +
+    b_q + r (δk_φ ā_y + φ_m); with wheels how much more all of them slip than their forces say; with torques
+    the relative errors of mass, drive and brakes and that of the rolling resistance; that of the rolling
+    radius with a speed that is not the wheels'; height with an altitude.
 
-    Sensors: the wheels' speeds (freed of slip and yaw), the speed signal, altitude, rate of climb;
+    Sensors: the wheels' speeds (freed of yaw and of the slip σ_i that their forces make: v_x + v σ_i ε_σ),
+    the speed signal, altitude, rate of climb;
     ``traction``: how much more the accelerometer reads than the torques explain, b + κ ā_x + ψ_m ā_y +
     (γ_d − ε_m) a_d − (γ_b − ε_m) a_b − δf g; ``attitude``: how much more the body pitches than by the slope
     and its lean, 0 = Θ − θ − (k + δk) ā_x.
@@ -107,6 +113,8 @@ class AlongModel(StateSpaceModel):
             slow["pitch_rate_bias"] = (sensors.yaw_rate.bias, _LASTING)
             slow["roll_gradient"] = (prior.pitch_gradient_std, _LASTING)
             slow["mounting_roll"] = (tilt, _LASTING)
+        if wheels:
+            slow["slip_factor"] = _SLIP
         if has_torque:
             at_wheels = any(c.startswith("drive_torque") for c in available)
             torque = sensors.wheel_torque if at_wheels else sensors.engine_torque
@@ -170,10 +178,12 @@ class AlongModel(StateSpaceModel):
             elif sensor == "attitude":
                 lean = (self.lean_gradient + x[self.place("lean_gradient")]) * u.smooth_accel
                 rows.append(x[self.place("attitude")] - x[SLOPE] / GRAVITY - lean)
-            elif sensor != "speed" and "wheel_radius" in self.states:
-                rows.append(x[SPEED] - u.speed * x[self.place("wheel_radius")])
-            else:
+            elif sensor == "speed":
                 rows.append(x[SPEED])
+            else:
+                slips = u.slip[WHEEL_SPEEDS.index(sensor)] * x[self.place("slip_factor")]
+                radius = x[self.place("wheel_radius")] if "wheel_radius" in self.states else 0.0
+                rows.append(x[SPEED] + u.speed * (slips - radius))
         return jnp.stack(rows)
 
     def sqrt_Q(self, u: AlongInput, dt: Float[Array, ""]) -> Float[Array, "n n"]:

@@ -132,6 +132,7 @@ class AlongIntake(eqx.Module):
             smooth_across=forces.accel[1],
             turning=turning,
             pitching=Pitching(jnp.zeros(()), jnp.zeros(())),
+            slip=self.contact.slips(forces.steady, forces.load),
             sensor_std=jnp.zeros(0),
         )
         parts, stds = [], []

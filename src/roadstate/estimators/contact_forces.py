@@ -51,6 +51,7 @@ class AxleForces(NamedTuple):
         along: (4,) F_x of the wheels in their own frames, N.
         across: (2,) F_y of the axles in their wheels' frames, N.
         load: (4,) N.
+        steady: (4,) F_x of wheels that turned as the car moves: free of the noise of their speeds, N.
         along_std, across_std: (4,), (2,) 1σ over load, beyond what every such measurement errs; infinite
             where nothing tells.
         accel: (2,) specific force at the accelerometer along and across, low-passed, m/s².
@@ -65,6 +66,7 @@ class AxleForces(NamedTuple):
     along: Float[Array, " 4"]
     across: Float[Array, " 2"]
     load: Float[Array, " 4"]
+    steady: Float[Array, " 4"]
     along_std: Float[Array, " 4"]
     across_std: Float[Array, " 2"]
     accel: Float[Array, " 2"]
@@ -135,8 +137,8 @@ class ForceMeter(eqx.Module):
         no = jnp.zeros((), bool)
         load = self.car.wheel_loads(zero, zero)
         return AxleForces(
-            four, two, load, four + jnp.inf, two + jnp.inf, two, zero, zero, zero, zero, zero, zero + 1.0,
-            zero + 1e6, no, no,
+            four, two, load, four, four + jnp.inf, two + jnp.inf, two, zero, zero, zero, zero, zero,
+            zero + 1.0, zero + 1e6, no, no,
         )  # fmt: skip
 
     def read(
@@ -195,6 +197,8 @@ class ForceMeter(eqx.Module):
         share = jnp.where(blind, by_load, jnp.where(known, share / jnp.sum(share), self._driven))
         felt = signals.age[ACCEL_X] < STALE
         along = told + jnp.where(felt, share * rest, 0.0) / turn
+        spun = inertia * (signals.rate[SPIN] - accel[0] / radius) / radius
+        steady = along + jnp.where(known, spun - share * jnp.sum(spun), 0.0)
         across = self._across(along, accel[1], signals.rate[YAW_RATE], cosine, sine)
         axles = by_axle(load)
         split = jnp.where(blind, _SPLIT_ERROR * jnp.abs(along), 0.02 * jnp.abs(rest) * jnp.ones(4))
@@ -206,6 +210,7 @@ class ForceMeter(eqx.Module):
             along=along,
             across=across,
             load=load,
+            steady=steady,
             along_std=split / jnp.maximum(load, 0.1 * jnp.mean(load)) + unsure,
             across_std=jnp.hypot(moment, _PLACE_ERROR * rotation / GRAVITY) + missing,
             accel=accel,

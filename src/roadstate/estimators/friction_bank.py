@@ -46,13 +46,13 @@ _JOINS = (
 )  # 1/m: how soon what a side's wheels have found of its road is taken to hold for each of them
 _DRIFT = 0.1**2 / 300.0  # 1/m: variance of ln μ that is added by driving on
 _SIDESLIP = 0.1  # rad: 1σ of the rear axle's slip angle
-_ERROR = (0.008, 0.015)  # 1σ of a force over load measured, and share of it
+_ERROR = (0.008, 0.03)  # 1σ of a force over load measured, and share of it
 _SHARE = 0.05  # 1σ of a wheel's share of the force, as a share of it, where nothing but that tells
 _ANGLE_ERROR = 0.002  # rad: 1σ of a slip angle, besides what v_y and the steering's bias do to it
 _ERROR_TIME = 0.05  # s: how long these errors last
 _SLIP_OFFSET = 0.003  # 1σ of a slip, of radii that differ
 _SLIP_ASIDE = 0.4  # 1σ of a slip, as a share of the slip angle: where a wheel heads is known that well
-_SLIP_TIME = (0.2, 1.0)  # s: how long errors of a slip last, its own and those that come from the speed
+_SLIP_TIME = (0.2, 4.0)  # s: how long errors of a slip last, its own and those that come from the speed
 _SLIP_KNOWN = 0.02  # 1σ of a slip up to which the curve is a line over its width
 _ANEW = (0.06, 12.0)  # change of a force over load that tells anew; else it does after s
 # in series with the tire: shares of what the front axle is softer than the rear one, and of the rear one
@@ -240,7 +240,7 @@ class FrictionBank(eqx.Module):
             row = jnp.stack(rows, axis=1)
             measured = touch.along[pair, None]
             aside = _SLIP_ASIDE * self._angle(x, touch, speed, axle)
-            slips = jnp.sqrt(touch.slip_std**2 + touch.slip_shared**2 + aside**2)
+            slips = jnp.sqrt(touch.slip_std[pair, None] ** 2 + touch.slip_shared**2 + aside**2)
             floor = touch.along_std[pair, None] ** 2 + _ERROR[0] ** 2 + (_ERROR[1] * measured) ** 2
             noise = floor + (by_error * slips) ** 2
             # a curve is no line over the width of a slip that is hardly known, unless the tire surely slides;

@@ -23,6 +23,7 @@ _NOISE = (4e-4, 0.011)  # 1σ of a slip's jump: by itself, and m/s over the spee
 _FORCE = (0.25, 0.05)  # and shares of the slip that the force's change and the force itself make
 _COUNTS = 2.25  # σ from which on a jump counts: errors have longer tails than a Gaussian
 _LASTS = 0.2  # s for which an error lasts
+_SHIFT = 0.002  # slip that all wheels may seem to lose at once: an error of the speed
 _OFFSET = 0.004  # slip that a wheel may seem to have when it rolls
 _MOST = 0.4  # part of an independent time that one sample counts at most: forces lag a little behind slips
 _USED = 0.8  # share of the friction from which on a force hardly tells the slip
@@ -45,6 +46,8 @@ def unexplained(touch: Touch, stiffness: Float[Array, ""], memory: Float[Array, 
 def jumps(now: Float[Array, " 4"], memory: Float[Array, " 4"], touch: Touch) -> Float[Array, " 4"]:
     """By how much more of :func:`unexplained` each wheel has gained than the least but one of the four.
 
+    As the speed follows wheels that slip more, the others seem to slip less.
+
     Args:
         now: :func:`unexplained`.
         memory: of it.
@@ -55,7 +58,7 @@ def jumps(now: Float[Array, " 4"], memory: Float[Array, " 4"], touch: Touch) -> 
     before = jnp.maximum(forward * memory, jnp.abs(memory) - _OFFSET)
     gained = forward * now - before
     low, high = jnp.minimum(gained[:2], gained[2:]), jnp.maximum(gained[:2], gained[2:])
-    return gained - jnp.maximum(jnp.minimum(jnp.max(low), jnp.min(high)), 0.0)
+    return gained - jnp.maximum(jnp.minimum(jnp.max(low), jnp.min(high)), -_SHIFT)
 
 
 def evidence(

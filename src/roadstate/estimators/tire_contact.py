@@ -21,7 +21,7 @@ _SLIP_SHARE = 1.0  # 1σ of the slip that a wheel's force makes, as a share of i
 _SLIP_TIME = 0.5  # s: how long that lasts
 _SLIP_LARGEST = 0.15
 _SLIP_ERROR = 0.0015  # 1σ of a slip, of teeth and what the low pass leaves of noise
-_SHARED_SLIP = 2.0  # 1σ of the slip that all wheels share, as a share of what the least force makes
+_SLIP_LAG = 0.025  # s by which force and slip are not of the same moment: 1σ
 _RUNAWAY = (0.4, 3.0)  # m/s by which a wheel may leave the rest, and 1σ over what is beyond
 _RACING = (5.0, 1.8, 0.5)  # m/s² by which a wheel, and all, may outrun the car, and s of mistrust then
 _TOGETHER = (0.03, 0.3, 1.5)  # share of the speed and m/s within which wheels agree, and s to believe them
@@ -39,7 +39,7 @@ class ContactState(NamedTuple):
 
     Attributes:
         angle, across: (2,) the axles' slip angles but for v_y, and their F_y/F_z, both slowed.
-        along: (4,) F_x/F_z of the wheels, slowed.
+        along, slip: (4,) F_x/F_z and slip of the wheels, slowed.
         racing: (4,) m/s² by which wheels outran the car lately.
         together: s for which all wheels have agreed on a speed and its change.
     """
@@ -47,6 +47,7 @@ class ContactState(NamedTuple):
     angle: Float[Array, " 2"]
     across: Float[Array, " 2"]
     along: Float[Array, " 4"]
+    slip: Float[Array, " 4"]
     racing: Float[Array, " 4"]
     together: Float[Array, ""]
 
@@ -81,7 +82,13 @@ class TireContact(eqx.Module):
 
     def init(self) -> ContactState:
         """Straight ahead and rolling."""
-        return ContactState(jnp.zeros(2), jnp.zeros(2), jnp.zeros(4), jnp.zeros(4), jnp.zeros(()))
+        two, four = jnp.zeros(2), jnp.zeros(4)
+        return ContactState(two, two, four, four, four, jnp.zeros(()))
+
+    def slips(self, along: Array, load: Array) -> Float[Array, " 4"]:
+        """(4,) what forces F_x (4,) under loads (4,), N, make wheels slip as long as that is linear."""
+        load = jnp.maximum(load, 0.1 * jnp.mean(load))
+        return jnp.clip(along / (self.slip_stiffness * load), -_SLIP_LARGEST, _SLIP_LARGEST)
 
     def rims(
         self,
@@ -112,8 +119,7 @@ class TireContact(eqx.Module):
             dt: s.
         """
         radius, step = self.radius, jnp.maximum(dt, _LEAST_STEP)
-        load = jnp.maximum(forces.load, 0.1 * jnp.mean(forces.load))
-        slip = jnp.clip(forces.along / (self.slip_stiffness * load), -_SLIP_LARGEST, _SLIP_LARGEST)
+        slip = self.slips(forces.along, forces.load)
         angle = jnp.where(seen.age[STEER] < STALE, jnp.clip(seen.value[STEER], -0.9, 0.9), 0.0)
         turn = steered_cosines(jnp.cos(angle))
         rolling = radius * seen.value[SPIN] / (1 + slip)
@@ -181,7 +187,6 @@ class TireContact(eqx.Module):
         across_rate = (across - state.across) / SMOOTHING
         along_rate = (along - state.along) / SMOOTHING
         keep = -jnp.expm1(-dt / SMOOTHING)
-        slower = state.across + keep * (across - state.across), state.along + keep * (along - state.along)
         angle = state.angle - jnp.expm1(-dt / jnp.maximum(lag, 1e-3)) * (now - state.angle)
         radius = self.radius
         turn = steered_cosines(jnp.cos(seen.smooth[STEER]))
@@ -190,9 +195,7 @@ class TireContact(eqx.Module):
         ground = (late - self.half_track * seen.smooth[YAW_RATE]) / turn
         ground = jnp.where(jnp.abs(ground) < 1.0, jnp.where(ground < 0, -1.0, 1.0), ground)
         slip = jnp.clip((radius * seen.smooth[SPIN] - ground) / jnp.abs(ground), -1.0, 10.0)
-        # the speed comes from wheels that were taken to slip as little as their forces: what the freest of
-        # them slips more, all seem to slip less
-        least = jnp.min(jnp.abs(along)) / self.slip_stiffness
+        slip_rate = (slip - state.slip) / SMOOTHING
         stale = seen.age[SPIN] > STALE
         unknown = jnp.where(stale, jnp.inf, 0.0)
         steered = jnp.where(seen.age[STEER] < STALE, 0.0, jnp.asarray([jnp.inf, 0.0]))
@@ -207,11 +210,17 @@ class TireContact(eqx.Module):
             across=across,
             along=along,
             slip=jnp.where(stale, 0.0, slip),
-            slip_std=jnp.full_like(speed, _SLIP_ERROR),
-            slip_shared=jnp.hypot(spread / moving, _SHARED_SLIP * least),
+            slip_std=jnp.hypot(_SLIP_ERROR, _SLIP_LAG * slip_rate),
+            slip_shared=spread / moving,
             across_std=jnp.hypot(forces.across_std, _LAG_ERROR * across_rate) + steered,
             along_std=jnp.hypot(forces.along_std, _LAG_ERROR * along_rate) + unknown,
             transfer=transfer,
             lag=lag + SMOOTHING,
         )
-        return state._replace(angle=angle, across=slower[0], along=slower[1]), touch
+        memory = state._replace(
+            angle=angle,
+            across=state.across + keep * (across - state.across),
+            along=state.along + keep * (along - state.along),
+            slip=state.slip + keep * (slip - state.slip),
+        )
+        return memory, touch

@@ -1,0 +1,78 @@
+"""Motion along the road: what its wheels tell of the speed while all of them slip."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jaxtyping import Array
+from numpy.typing import NDArray
+
+from roadstate.core.channels import WHEELS
+from roadstate.estimators.along import SPEED, AlongInput, AlongModel
+from roadstate.estimators.pitch import Pitching
+from roadstate.filters import KF, FilterState
+from roadstate.tires.smooth import Numbers
+from roadstate.vehicles import load_vehicle
+
+DT = 0.01
+NOISE = 0.05  # m/s: of a wheel's speed
+CHANNELS = ("accel_x", *(f"wheel_speed_{w}" for w in WHEELS))
+
+
+@pytest.fixture(scope="module")
+def model() -> AlongModel:
+    return AlongModel(load_vehicle("family-car"), CHANNELS, has_torque=False)
+
+
+def given(speed: Numbers, accel: Numbers, slip: Numbers) -> AlongInput:
+    """Straight on, with forces that make each wheel slip as said."""
+    zero = jnp.zeros(())
+    return AlongInput(
+        accel=zero + accel, smooth_accel=zero + accel, drive=zero, brake=zero, rolling=zero,
+        speed=zero + speed, intensity=zero + 0.02, smooth_across=zero, turning=zero,
+        pitching=Pitching(zero, zero), slip=jnp.full(4, slip), sensor_std=jnp.full(4, NOISE),
+    )  # fmt: skip
+
+
+def test_a_wheel_tells_speed_slip_and_what_it_slips_beyond(model: AlongModel) -> None:
+    x = np.zeros(len(model.states))
+    x[SPEED], x[model.place("slip_factor")] = 20.0, 0.5
+    told = model.h(jnp.asarray(x), given(20.0, -5.0, -0.03))
+    np.testing.assert_allclose(told, 20.0 * (1 - 0.015))
+    np.testing.assert_allclose(model.h(jnp.asarray(x), given(20.0, 0.0, 0.0)), 20.0)
+
+
+class TestBraking:
+    """A second and a half at 6 m/s²; every wheel slips 1.6 times what its force makes it."""
+
+    BEYOND = 0.6
+    SLIP = -0.035
+
+    def braked(self, model: AlongModel, told: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Error of the speed and its 1σ at the end of 40 recordings; the filter is told the slip ``told``."""
+        brakes = np.arange(450) >= 300
+        speed = 25.0 + np.cumsum(np.where(brakes, -6.0, 0.0)) * DT
+        wheels = speed * (1 + self.BEYOND * self.SLIP * brakes)
+        z = wheels[:, None, None] + NOISE * np.random.default_rng(5).normal(size=(450, 40, 4))
+        filt = KF()
+        inputs = jax.vmap(given)(*map(jnp.asarray, (speed, -6.0 * brakes, told * brakes)))
+
+        def step(states: FilterState, sample: tuple[AlongInput, Array]) -> tuple[FilterState, None]:
+            u, z = sample
+            return jax.vmap(lambda s, z: filt.step(model, s, u, z, jnp.asarray(DT))[0])(states, z), None
+
+        start = jax.vmap(lambda _: filt.init(model))(jnp.arange(40))
+        last = jax.jit(lambda: jax.lax.scan(step, start, (inputs, jnp.asarray(z)))[0])()
+        std = np.linalg.norm(np.asarray(last.gaussian.factor)[:, SPEED], axis=-1)
+        return np.asarray(last.gaussian.mean)[:, SPEED] - speed[-1], std
+
+    def test_the_speed_is_known_as_well_as_it_says(self, model: AlongModel) -> None:
+        errors, stds = self.braked(model, self.SLIP)
+        assert np.mean(np.abs(errors) < 1.96 * stds) >= 0.9
+        assert np.abs(errors).mean() < 0.2  # the wheels are .34 m/s too slow
+
+    def test_wheels_that_are_taken_at_their_word_mislead_it(self, model: AlongModel) -> None:
+        errors, stds = self.braked(model, 0.0)
+        assert np.mean(np.abs(errors) < 1.96 * stds) < 0.1
