@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -98,3 +99,20 @@ def test_moments_are_those_of_samples(three: tuple[Numbers, Numbers, Numbers]) -
     mean, std = moments(*map(jnp.asarray, (x, P, p)))
     np.testing.assert_allclose(np.asarray(mean), samples.mean(axis=0), atol=0.02)
     np.testing.assert_allclose(np.asarray(std), samples.std(axis=0), rtol=0.01)
+
+
+@pytest.mark.parametrize("takes", [1.0, 20.0, 200.0])
+def test_a_state_that_explains_all_pays_for_it_once(takes: float) -> None:
+    """A constant offset that samples keep telling costs a hypothesis what its prior says of it.
+
+    That is Δ²/2P in all, however many samples make an independent one (5/8 instead of 1/2: Student's t).
+    """
+    offset, P0, noise = 0.3, 1.0, 0.01
+    x, P = jnp.zeros((1, 1)), jnp.full((1, 1, 1), P0)
+    total, step = 0.0, jax.jit(learn)
+    for _ in range(int(400 * takes**0.5)):
+        innovation = offset - x[0]
+        x, P, said = step(x, P, jnp.ones((1, 1)), innovation, jnp.full(1, noise), jnp.asarray(takes))
+        total += float(said[0])
+    assert float(x[0, 0]) == pytest.approx(offset, abs=0.01)
+    assert total == pytest.approx(-0.625 * offset**2 / P0, rel=0.25)

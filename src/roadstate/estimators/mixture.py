@@ -29,13 +29,16 @@ def learn(
     gain = jnp.sum(P * row[..., None, :, :], axis=-2)
     own = jnp.sum(gain * row, axis=-2)
     far = innovation**2 / (own + noise)
+    fresh = innovation**2 / (own / takes + noise)
     total = own + noise * takes * (1 + far / _ROBUST)
     x = x + gain * (innovation / total)[..., None, :]
     P = P - gain[..., None, :] * (gain / total[..., None, :])[..., None, :, :]
+    # What a state errs is no noise that many samples average out: a hypothesis that explains all by a state
+    # far from its prior pays what the prior says of that, as in the evidence of a linear model.
     # The normalising factor counts while forces change. Without it a hypothesis that is unsure of its force
     # is never refuted, and friction comes out too high; while nothing changes, every hypothesis predicts
     # well, noises are but roughly known, and the surest, a tire that slides, would win by the factor alone.
-    likelihood = tempered(far, takes) - whole * 0.5 * jnp.log(own + noise) / takes
+    likelihood = tempered(fresh, takes) - whole * 0.5 * jnp.log(own + noise) / takes
     return x, P, likelihood
 
 
