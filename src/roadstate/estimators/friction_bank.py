@@ -59,7 +59,6 @@ _ANEW = (0.06, 12.0)  # change of a force over load that tells anew; else it doe
 _GIVES = (0.5, 0.03)
 _LEAST_STEP = 1e-3
 _FLOOR = -60.0  # of a log probability
-_FARTHEST = 4.0  # σ of the prior: no hypothesis may explain what it gets wrong by a constant further off
 # Which evidence counts for which part: F_y front, rear, F_x of four wheels. The parts: the car as if it stood
 # on one road, its wheels, its sides.
 _WEIGHTS = np.array(
@@ -120,9 +119,6 @@ class FrictionBank(eqx.Module):
     filter; Bucy & Senne 1971; Doucet et al. 2000). Between samples the road may drift or change altogether,
     with a rate per distance, so that without evidence the posterior returns to the prior as the car drives
     on, and a sudden change is a hypothesis that is always there.
-
-    A hypothesis that is wrong would rather believe in an accelerometer's bias of 7 m/s² than give in. So what
-    never changes keeps to what the vehicle file says of it, within 4 σ.
 
     The parts of the car share hypotheses but not evidence: each weighs what its own tires tell. But a rear
     wheel rolls where the front one has been, so as the car drives on a wheel takes over what its side has
@@ -322,12 +318,8 @@ class FrictionBank(eqx.Module):
         fresh = born * jnp.exp(self.prior)
         whole = (1 - born) * p + fresh
         new = fresh / jnp.maximum(whole, 1e-30)
-        prior = self.motion.lasting_std
-        x, P = inherit(state.x, state.P, p[0], new[0], prior)
-        both = jax.vmap(inherit, (0, 0, 0, 0, None))
-        y, Y = both(state.y, state.Y, p[_SIDES], new[_SIDES], self._along_std)
-        most, along = _FARTHEST * prior[:, None], _FARTHEST * self._along_std[:, None]
-        x, y = jnp.clip(x, -most, most), jnp.clip(y, -along, along)
+        x, P = inherit(state.x, state.P, p[0], new[0])
+        y, Y = jax.vmap(inherit)(state.y, state.Y, p[_SIDES], new[_SIDES])
         return BankState(jnp.log(jnp.maximum(whole, 1e-30)), x, P, y, Y, state.level)
 
     def merged(self, state: BankState) -> tuple[Array, Array]:

@@ -63,25 +63,18 @@ def moments(x: Array, P: Array, p: Array) -> tuple[Array, Array]:
     return mean, root(jnp.sum(p * (own + (x - mean[:, None]) ** 2), axis=1))
 
 
-def inherit(x: Array, P: Array, p: Array, new: Array, prior: Array) -> tuple[Array, Array]:
-    """Hypotheses of which a share ``new`` (J,) is born anew out of all of them.
-
-    Moments are kept, but for what never changes: that is never known less well than before the drive.
-    Hypotheses that are being refuted disagree wildly about it, and would set the others' constants free.
+def inherit(x: Array, P: Array, p: Array, new: Array) -> tuple[Array, Array]:
+    """Hypotheses of which a share ``new`` (J,) is born anew out of all of them; moments are kept.
 
     Args:
         x: (n, J).
         P: (n, n, J).
         p: (J,) weights.
         new: (J,).
-        prior: (n,) 1σ before the drive of what never changes, huge for the rest.
     """
     p = p / jnp.sum(p)
     mean = jnp.sum(p * x, axis=1, keepdims=True)
     apart = x - mean
-    whole = jnp.sum(p * (P + apart[:, None] * apart[None]), axis=2, keepdims=True)
-    own = root(jnp.sum(whole[:, :, 0] * jnp.eye(len(x), dtype=P.dtype), axis=1))
-    scale = jnp.minimum(prior / jnp.maximum(own, 1e-30), 1.0)
-    whole = once(whole * (scale[:, None] * scale)[:, :, None])
+    whole = once(jnp.sum(p * (P + apart[:, None] * apart[None]), axis=2, keepdims=True))
     shift = (1 - new) * new * (apart[:, None] * apart[None])
     return x - new * apart, (1 - new) * P + new * whole + shift

@@ -33,7 +33,6 @@ SLOWEST = 3.0
 _AT_REST = 0.05  # m/s: 1σ of v_y then
 _LASTS = np.isin(np.arange(SIZE), [BIAS_Y, STIFF_F, STIFF_R, SHAPE_F, SHAPE_R, STEER_BIAS, BIAS_R])
 _ACCEL = 0.01  # m/s²/√Hz: white error of what moves the car sideways, however good the accelerometer
-_ANY = 1e6  # 1σ of what may be anything: finite, for derivatives
 _IS_V_Y = np.arange(SIZE) == V_Y
 
 
@@ -78,14 +77,12 @@ class Sideways(eqx.Module):
 
     Attributes:
         std: (n,) 1σ before anything is known.
-        lasting_std: (n,) the same of what never changes, huge for the rest.
         arm: (2,) of front and rear axle, ahead of the centre of gravity, m.
         road: how bank changes with distance.
         white: error of what moves the car sideways, m/s²/√Hz.
     """
 
     std: Float[Array, " n"]
-    lasting_std: Float[Array, " n"]
     arm: Float[Array, " 2"]
     road: GradePrior
     white: Float[Array, ""]
@@ -102,7 +99,6 @@ class Sideways(eqx.Module):
             )
         )
         self.road = GradePrior(leaf(bank), leaf(_BANK_LENGTH))
-        self.lasting_std = jnp.where(_LASTS | (np.arange(SIZE) == LEVER), self.std, _ANY)
         self.white = jnp.maximum(leaf(sensors.accel.noise_density), _ACCEL)
         geometry = vehicle.geometry
         self.arm = jnp.asarray([geometry.cg_to_front_axle, -geometry.cg_to_rear_axle])
