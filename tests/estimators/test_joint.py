@@ -15,7 +15,7 @@ from roadstate.estimators.contact_forces import ForceMeter
 from roadstate.estimators.friction_bank import VIEWS, BankState, FrictionBank
 from roadstate.estimators.friction_curve import bounded, elastic, grip
 from roadstate.estimators.intake import SMOOTHING, SPIN, Signals
-from roadstate.estimators.sideways import STIFF_F, STIFF_R, Touch
+from roadstate.estimators.sideways import BIAS_R, SIZE, STIFF_F, STIFF_R, V_Y, Touch
 from roadstate.estimators.tire_contact import ContactState, TireContact
 from roadstate.papers.base import MISMATCHED
 from roadstate.papers.plants import told
@@ -116,6 +116,16 @@ class TestBank:
             transfer=jnp.zeros(2),
             lag=jnp.asarray(0.05),
         )
+
+    def test_a_gyroscope_that_errs_moves_no_car_that_stands(self, vehicle: Vehicle) -> None:
+        """At a walking pace the rear axle follows where it points, and a known bias turns it nowhere."""
+        motion = FrictionBank(vehicle).motion
+        touch = self.touch(0.0, 0.0)._replace(speed=jnp.zeros(()), yaw_rate=jnp.asarray(0.02))
+        x = jnp.zeros((SIZE, 2)).at[BIAS_R, 1].set(0.02)
+        P = jnp.broadcast_to(jnp.diag(motion.std**2)[:, :, None], (SIZE, SIZE, 2))
+        moved, _ = motion.moved(x, P, touch, jnp.asarray(0.01))
+        to_rear = vehicle.geometry.cg_to_rear_axle
+        np.testing.assert_allclose(moved[V_Y], [0.02 * to_rear, 0.0], atol=1e-6)
 
     def driven(self, bank: FrictionBank, *touches: tuple[float, Touch]) -> BankState:
         """The state after so many seconds of each."""

@@ -122,7 +122,7 @@ class Sideways(eqx.Module):
         whole = once(jax.lax.dynamic_update_slice(half, jnp.stack(columns, axis=1), (0, 0, 0)))
         across, *banking = leading(x)
         # at a walking pace the rear axle follows where it points
-        follows = -self.arm[1] * touch.yaw_rate
+        follows = -self.arm[1] * (touch.yaw_rate - x[BIAS_R])
         driven = across + dt * (touch.accel_y - touch.speed * touch.yaw_rate)
         first = jnp.stack([jnp.where(is_slow, follows, driven), *banking])
         return (
