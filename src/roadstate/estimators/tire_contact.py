@@ -17,7 +17,7 @@ from roadstate.estimators.sideways import Touch
 if TYPE_CHECKING:
     from roadstate.vehicles import Vehicle
 
-_SLIP_SHARE = 1.0  # 1σ of the slip that a wheel's force makes, as a share of it: near the limit it runs away
+_SLIP_SHARE = 0.5  # 1σ of the slip that a wheel's force makes, as a share of it: near the limit it runs away
 _SLIP_TIME = 0.5  # s: how long that lasts
 _SLIP_LARGEST = 0.15
 _SLIP_ERROR = 0.0015  # 1σ of a slip, of teeth and what the low pass leaves of noise
