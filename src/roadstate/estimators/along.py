@@ -31,7 +31,7 @@ _ACCEL_SCALE = 0.01  # 1σ of the accelerometer's scale
 _LASTING = 3600.0  # s over which what belongs to the car or its sensors keeps its value
 _BRAKE_LASTING = 600.0  # s: pads warm up
 _CAUGHT = 2.0  # m/s: 1σ of what a sensor's lies do to the speed until they are found
-_SLIP = (0.5, 4.0)  # 1σ of what wheels slip beyond their force, as a share of that, and s for which it lasts
+_SLIP = (0.5, 1.0)  # 1σ of what wheels slip beyond their force, as a share of that, and s for which it lasts
 _WHEEL_SPREAD = 0.003  # 1σ of one wheel's radius against the others'
 
 
