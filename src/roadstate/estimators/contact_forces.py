@@ -197,6 +197,7 @@ class ForceMeter(eqx.Module):
         share = jnp.where(blind, by_load, jnp.where(known, share / jnp.sum(share), self._driven))
         felt = signals.age[ACCEL_X] < STALE
         along = told + jnp.where(felt, share * rest, 0.0) / turn
+        # without what the wheels turn up beyond the car; the sum stays what the accelerometer tells
         spun = inertia * (signals.rate[SPIN] - accel[0] / radius) / radius
         steady = along + jnp.where(known, spun - share * jnp.sum(spun), 0.0)
         across = self._across(along, accel[1], signals.rate[YAW_RATE], cosine, sine)
