@@ -106,8 +106,8 @@ def _whiten_within(root: Float[Array, "n q"], rows: Float[Array, "M n k"]) -> Fl
 def _inform(S: Float[Array, "n n"], rows: Float[Array, "M m n"]) -> Float[Array, "n n"]:
     """Factor of (P⁻¹ + mean of rowsᵀ rows)⁻¹."""
     n = S.shape[0]
-    columns = rows.reshape(-1, n).T / jnp.sqrt(jnp.asarray(rows.shape[0], S.dtype))
-    columns = jnp.pad(columns, ((0, 0), (0, max(0, n - columns.shape[1]))))
-    Y = tria(columns).T
-    identity = jnp.eye(n, dtype=S.dtype)
-    return correct(S, product(Y, S), identity, jnp.zeros(n, S.dtype), jnp.ones(n, bool)).factor
+    whole = rows.reshape(-1, n) / jnp.sqrt(jnp.asarray(rows.shape[0], S.dtype))
+    # no more than n rows hold all that more of them tell
+    Y = whole if len(whole) <= n else tria(whole.T).T
+    identity = jnp.eye(len(Y), dtype=S.dtype)
+    return correct(S, product(Y, S), identity, jnp.zeros(len(Y), S.dtype), jnp.ones(len(Y), bool)).factor
