@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from benchmarks.accuracy import faults, measures, table
-from benchmarks.accuracy.grade_bound import least_rmse
+from benchmarks.accuracy.grade_bound import MASS_OFF, least_mass_error, least_rmse
 from benchmarks.accuracy.groups import GROUPS
 from benchmarks.accuracy.groups.base import SATELLITE, Runs
 from benchmarks.accuracy.groups.friction import LARGE, MEDIUM, SMALL, seen, summed_up
@@ -272,6 +272,7 @@ def test_the_receiver_lowers_the_bound(kept: Path) -> None:
     car = load_vehicle("family-car")
     alone = least_rmse(without(log, RECEIVED), car, settle=5.0)
     assert least_rmse(log, car, settle=5.0) < 0.5 * alone
+    assert 0 < least_mass_error(log, car) < 100 * MASS_OFF * np.sqrt(2 / np.pi)
     heavy = car.model_copy(update={"mass": 2 * car.mass})  # the same torque errors move it half as much
     doubled = log.with_channels(
         {name: 2 * values for name, values in log.references.items() if name.startswith("ref_force")}

@@ -1,4 +1,4 @@
-"""How well any filter could know the grade with a preset's sensors: the least error, computed.
+"""How well any filter could know grade and mass with a preset's sensors: the least error, computed.
 
 The car rolls along x with the specific force s that its tires exert: v̇ = s − g sin θ. Of the filter's world
 everything is known (slip, drag, rolling resistance, radius, how the body pitches) but what follows, and the
@@ -24,7 +24,7 @@ import numpy as np
 from roadstate.core import WHEELS, Log
 from roadstate.core.constants import GRAVITY
 from roadstate.core.gaussian import Gaussian
-from roadstate.cramer_rao import cramer_rao_bound
+from roadstate.cramer_rao import CramerRaoBound, cramer_rao_bound
 from roadstate.estimators.road import GradePrior
 from roadstate.sim.sensors import sensor_preset
 from roadstate.sim.sensors.probe import Probe
@@ -37,9 +37,8 @@ _STATES = (
     "drive_gain", "brake_gain", "accel_gain", "torque_bias", "mounting_yaw", "gyro_bias",
 )  # fmt: skip
 _SENSORS = ("distance", "accel", "torque", "pitch_rate", "speed", "vertical_speed", "altitude")
-_MASS_OFF = float(
-    np.sqrt((10.0**3 - 5.0**3) / (3 * 5.0)) / 100
-)  # root mean square of 5 to 10 %, even chances
+MASS_OFF = float(np.sqrt((10.0**3 - 5.0**3) / (3 * 5.0)) / 100)
+"""Root mean square of 5 to 10 %, even chances: 1σ of what a vehicle file of the benchmark tells."""
 _ANY = 20.0  # m/s²: 1σ of a force of which nothing is known beforehand
 _BRAKE_SHARES = (0.325, 0.325, 0.175, 0.175)
 
@@ -122,23 +121,36 @@ def least_rmse(log: Log, vehicle: Vehicle, *, settle: float) -> float:
         vehicle: that was driven.
         settle: s of the log's start that do not count.
     """
+    used = log.time - log.time[0] >= settle
+    slope = np.asarray(_bound(log, vehicle).std[:, _STATES.index("grade")]) / np.cos(log["ref_grade"]) ** 2
+    return float(100 * np.sqrt(np.mean(slope[used] ** 2)))
+
+
+def least_mass_error(log: Log, vehicle: Vehicle) -> float:
+    """Mean |error| of the mass at the end of a drive, per cent, that the bound allows: √(2/π) σ.
+
+    Args:
+        log, vehicle: as :func:`least_rmse`.
+    """
+    std = np.asarray(_bound(log, vehicle).std[-1, _STATES.index("mass")])
+    return float(100 * np.sqrt(2 / np.pi) * std)
+
+
+def _bound(log: Log, vehicle: Vehicle) -> CramerRaoBound:
+    """The bound of all states, at each sample."""
     dt = np.diff(log.time, prepend=log.time[0])
     along, across = (
         np.sum([log[f"ref_force_{a}_{w}"] for w in WHEELS], axis=0) / vehicle.mass for a in ("x", "y")
     )
     u = _Input(*(jnp.asarray(v) for v in (along, across, log["ref_velocity_x"])))
-    grade = log["ref_grade"]
     states = np.zeros((len(log), len(_STATES)))
-    states[:, 1], states[:, 2], states[:, 3] = log["ref_velocity_x"], along, grade
+    states[:, 1], states[:, 2], states[:, 3] = log["ref_velocity_x"], along, log["ref_grade"]
     present = np.ones((len(log), len(_SENSORS)), bool)
     for column, name in ((4, "speed"), (5, "vertical_speed"), (6, "altitude")):
         present[:, column] = np.isfinite(log[name]) if name in log else False
-    bound = cramer_rao_bound(
+    return cramer_rao_bound(
         model(vehicle), jnp.asarray(states), u, jnp.asarray(dt), present=jnp.asarray(present)
     )
-    used = log.time - log.time[0] >= settle
-    slope = np.asarray(bound.std[:, 3]) / np.cos(grade) ** 2
-    return float(100 * np.sqrt(np.mean(slope[used] ** 2)))
 
 
 def model(vehicle: Vehicle) -> StateSpaceModel:
@@ -165,13 +177,13 @@ def model(vehicle: Vehicle) -> StateSpaceModel:
     )
     first = [
         1e-3, 5.0, _ANY, *np.asarray(road.stationary_std), 100.0, height.wander,
-        np.hypot(accel.bias, GRAVITY * suite.imu.mounting_std), _MASS_OFF, drive.gain_std / np.sqrt(driven),
+        np.hypot(accel.bias, GRAVITY * suite.imu.mounting_std), MASS_OFF, drive.gain_std / np.sqrt(driven),
         brake.gain_std * np.linalg.norm(_BRAKE_SHARES), accel.gain_std, drive.bias * np.sqrt(driven) * lever,
         suite.imu.mounting_std, gyro.bias,
     ]  # fmt: skip
     velocity = suite.gnss.velocity.noise
     noise = [
-        place, _sample(accel), _sample(drive) * np.sqrt(driven) * lever, _sample(gyro),
+        place, sample_noise(accel), sample_noise(drive) * np.sqrt(driven) * lever, sample_noise(gyro),
         velocity, velocity, height.noise,
     ]  # fmt: skip
     return _Rolling(
@@ -182,10 +194,10 @@ def model(vehicle: Vehicle) -> StateSpaceModel:
         jnp.asarray([rounding, accel.walk, gyro.walk]),
         jnp.asarray([height.wander, height.wander_time]),
         jnp.asarray(np.array(noise, float)),
-        jnp.asarray(_sample(brake) * 2 * lever),
+        jnp.asarray(sample_noise(brake) * 2 * lever),
     )
 
 
-def _sample(probe: Probe) -> float:
+def sample_noise(probe: Probe) -> float:
     """1σ of a sample's white noise, rounding included."""
     return float(np.sqrt(probe.noise**2 + probe.noise_density**2 * probe.rate + probe.resolution**2 / 12))
