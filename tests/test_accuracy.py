@@ -281,14 +281,21 @@ def test_the_receiver_lowers_the_bound(kept: Path) -> None:
 
 
 def test_friction_of_one_drive(kept: Path) -> None:
-    """Lower bounds hold where little is used; estimators that are not judged get few seeds."""
+    """No figure lies below its bound, lower bounds hold, estimators that are not judged get few seeds."""
     names = ["joint", "friction-ukf", "tfobe"]
     found = run(
-        ["family-car"], names, 4, subject="joint", only=["friction"],
+        ["family-car"], names, 4, subject="joint", only=["friction", "forces"],
         drives=["double-lane-change-85-0.8"], by_drive=True, cache=kept,
     )  # fmt: skip
     by_key = {(score.what, score.estimator): score for score in found.scores}
-    assert {score.estimator for score in found.scores} == {"joint", "friction-ukf"}  # it gives no friction
+    told = {score.estimator for score in found.scores if score.group == "friction"}
+    assert told == {"joint", "friction-ukf"}  # the third gives no friction
+    with_bounds = [score for score in found.scores if score.bound is not None]
+    assert len(with_bounds) > 20
+    # four seeds scatter by a third
+    assert all(0 < score.bound < 1.3 * score.value for score in with_bounds if score.bound is not None)
+    assert {"force_x_rear", "force_y_front"} <= {score.what for score in with_bounds}
+    assert by_key["car 0.4–0.7: in 5–95 %", "joint"].bound is None
     assert by_key["car < 0.4: lower ≤ truth", "friction-ukf"].value > 95
     error = by_key["car ≥ 0.7: median", "friction-ukf"]
     assert error.value < 40

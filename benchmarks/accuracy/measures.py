@@ -94,10 +94,13 @@ def rmse(estimates: Estimates, log: Log, quantity: str, *, settle: float = 0.0) 
 
 def rmse_of_peak(estimates: Estimates, log: Log, quantity: str) -> float:
     """RMSE over the largest size of the truth, %."""
+    return share_of_peak(rmse(estimates, log, quantity), log, quantity)
+
+
+def share_of_peak(value: float, log: Log, quantity: str) -> float:
+    """A value over the largest size of a quantity's truth, %; NaN without that truth."""
     truth = reference(quantity, log.channels)
-    if truth is None:
-        return float("nan")
-    return 100 * rmse(estimates, log, quantity) / float(np.max(np.abs(truth)))
+    return float("nan") if truth is None else 100 * value / float(np.max(np.abs(truth)))
 
 
 def covered(estimates: Estimates, log: Log, quantity: str, *, settle: float = 0.0) -> tuple[int, int] | None:

@@ -48,7 +48,8 @@ _HOW = (
     "A figure is the mean of the vehicles' figures; in brackets the 5th and 95th percentile of single seeds; "
     "then the vehicle farthest from the goal. `{subject}` is judged where it gives a figure, else the best "
     "estimator (in italics). `met*`: on average, but not by the vehicle farthest from it. `bound`: the least "
-    "that any filter could reach (see `benchmarks/accuracy/grade_bound.py`)."
+    "that any filter could reach (see `benchmarks/accuracy/grade_bound.py` for grade and mass, "
+    "`benchmarks/accuracy/friction_bound.py` for friction and forces)."
 )
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from benchmarks.accuracy.groups.base import SATELLITE, Group, PerSeed, Runs
-from benchmarks.accuracy.measures import rmse_of_peak
+from benchmarks.accuracy.friction_bound import friction_bound
+from benchmarks.accuracy.groups.base import SATELLITE, Group, PerSeed, Runs, root_mean_square
+from benchmarks.accuracy.measures import rmse_of_peak, share_of_peak
 from benchmarks.accuracy.score import Goal, Score
 
 DRIVE = "double-lane-change-85-0.8"
@@ -25,17 +26,28 @@ class Forces(Group):
 
     def __init__(self) -> None:
         self._figures = PerSeed(self.name)
+        self._bounds: dict[str, dict[str, float]] = {}
 
     def add(self, runs: Runs) -> None:
         """One figure per seed and force."""
         if runs.drive != DRIVE:
             return
+        bounds = self._bound(runs)
         for quantity, goal in _GOALS.items():
             if quantity in runs.estimates[0].values:
                 pairs = zip(runs.estimates, runs.logs, strict=True)
-                self._figures.add(
-                    quantity, "%", goal, runs, [rmse_of_peak(e, log, quantity) for e, log in pairs]
-                )
+                found = [rmse_of_peak(e, log, quantity) for e, log in pairs]
+                self._figures.add(quantity, "%", goal, runs, found, bounds[quantity])
+
+    def _bound(self, runs: Runs) -> dict[str, float]:
+        if runs.vehicle.name not in self._bounds:
+            log = runs.logs[0]
+            forces = friction_bound(log, runs.vehicle).forces
+            self._bounds[runs.vehicle.name] = {
+                quantity: share_of_peak(root_mean_square(std), log, quantity)
+                for quantity, std in forces.items()
+            }
+        return self._bounds[runs.vehicle.name]
 
     def scores(self) -> list[Score]:
         """A row for each force."""
