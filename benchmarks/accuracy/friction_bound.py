@@ -1,24 +1,22 @@
 """How well any filter could know peak friction and axle forces with a preset's sensors, computed.
 
-The ideal filter knows the plant: the family of its tire, how loads move and slips lag, the shape of the road,
-where a piece of road begins and that a piece has one friction. What it does not know are the states of
-:mod:`benchmarks.accuracy.friction_world`, and the least error is the posterior Cramér–Rao bound of that world
-along the true drive. Before the drive it knows
+The ideal filter knows the plant: the family of its tire, how loads move and slips lag, and where a piece of
+road begins. What it does not know are the states of :mod:`benchmarks.accuracy.friction_world`, and the least
+error is the posterior Cramér–Rao bound of that world along the true drive. Before the drive it knows
 
-- of ln μ of each piece of road: 1σ = 0.5, for dry, wet or snow;
+- of ln μ of each piece of road: 1σ = 0.5, for dry, wet or snow; it drifts by 10 % within 300 m;
+- of grade and bank, and how they change with distance, what the vehicle file's prior says;
 - of the car: mass, yaw inertia, height of the centre of gravity and stiffnesses as the benchmark's vehicle
   files tell them (5 to 10 % wrong), the radius likewise (0.3 to 1 %), shape factors, rolling resistance, drag
-  and pitch gradient as the file's prior says, and so grade and bank of the road;
-- of the sensors: the preset's 1σ of biases and gains, of the accelerometers with the mounting's angles.
+  and pitch gradient as the file's prior says;
+- of the sensors: the preset's 1σ of biases, their walks and gains, of the accelerometers with the mounting's
+  angles.
 
-It is given more than any filter has, so that what is computed lies below the least error, not above it: how
-grade and bank change (the gyroscopes see it; a constant of each is unknown), the places of the wheels' teeth
-(the same each turn), camber, the body's roll, that no motor pushes an idle wheel, and in a force what the
+It is given more than any filter has, so that what is computed lies below the least error, not above it: the
+places of the wheels' teeth (the same each turn), camber, the body's roll and pitch, that no motor pushes an
+idle wheel, that left and right are one road where their friction is the same, and in a force what the
 rounding of that sample's wheel speed does to it. Left out is what matters little: the receiver's position and
 the lag of errors of slips, which last for seconds where the lag is one of hundredths.
-
-Most of what it has over a filter for real roads is that friction stays: once a car has slid, the ideal filter
-knows the road for the rest of the drive.
 
 An error of 1σ of ln μ is taken for one of 100σ per cent. The figures' bounds are medians and percentiles of
 |error| were errors N(0, σ) at each sample; for errors of another kind it is their root mean square that is
@@ -55,6 +53,8 @@ from roadstate.core import WHEELS, Log
 from roadstate.core.constants import GRAVITY
 from roadstate.core.gaussian import Gaussian
 from roadstate.cramer_rao import cramer_rao_bound
+from roadstate.estimators.road import GradePrior
+from roadstate.estimators.sideways import BANK_LENGTH
 from roadstate.linalg import tria
 from roadstate.sim.sensors import SensorSuite, sensor_preset
 from roadstate.sim.sensors.wheel_pulses import ToothSensor
@@ -65,8 +65,10 @@ Array = NDArray[np.float64]
 FRICTION = 0.5
 """1σ of ln μ before the drive."""
 _RADIUS_OFF = float(np.sqrt((1.0**3 - 0.3**3) / (3 * 0.7)) / 100)  # root mean square of 0.3 to 1 %
+_DRIFT = 0.1 / 300.0**0.5  # 1σ of ln μ after one metre
 _ROLLS = {"velocity_x": 1.0, "velocity_y": 0.5, "yaw_rate": 0.1}  # 1σ before the first sample
 _NOTHING = 1e-3  # N·m
+_NEAREST = 1e-6  # m
 _CHUNK = 500  # samples: drives of all lengths share one program
 _HALVINGS = 40
 _FARTHEST = 8.0  # σ that no error exceeds
@@ -90,12 +92,14 @@ class Noise(NamedTuple):
     """1σ of a sample.
 
     Attributes:
-        sensors: (T, 9) of :data:`SENSORS`.
+        sensors: (T, 11) of :data:`SENSORS`.
         inner: (T, 5) of :data:`NOISES`.
+        walk: (T, n) of each state after one second.
     """
 
     sensors: Any
     inner: Any
+    walk: Any
 
 
 class _Linear(StateSpaceModel):
@@ -165,14 +169,16 @@ def prior_std(vehicle: Vehicle, suite: SensorSuite) -> dict[str, float]:
         "accel_x_bias": float(np.hypot(accel.bias, mounted)),
         "accel_y_bias": float(np.hypot(accel.bias, mounted)),
         "yaw_rate_bias": imu.gyro.bias,
+        "pitch_rate_bias": imu.gyro.bias,
+        "roll_rate_bias": imu.gyro.bias,
         "accel_x_gain": float(np.hypot(accel.gain_std, GRAVITY * prior.pitch_gradient_std)),
         "accel_y_gain": accel.gain_std,
         "yaw_rate_gain": imu.gyro.gain_std,
         "mounting_yaw": imu.mounting_std,
         "steer_bias": steering.bias / ratio,
         "steer_gain": steering.gain_std,
-        "grade": prior.grade_std,
-        "bank": prior.bank_std,
+        **_stationary("grade", prior.grade_std, prior.grade_correlation_length),
+        **_stationary("bank", prior.bank_std, BANK_LENGTH),
         "drag": prior.drag_relative,
         "radius": _RADIUS_OFF,
         "rolling_resistance": prior.rolling_resistance_std,
@@ -191,6 +197,12 @@ def prior_std(vehicle: Vehicle, suite: SensorSuite) -> dict[str, float]:
     }
     wheels = {f"{what}_{w}": float(v[i]) for what, v in per_wheel.items() for i, w in enumerate(WHEELS)}
     return _ROLLS | alike | dict.fromkeys(figures, MASS_OFF) | wheels
+
+
+def _stationary(name: str, std: float, length: float) -> dict[str, float]:
+    """1σ of grade or bank and of its rate of distance where nothing is known."""
+    road = GradePrior(jnp.asarray(std), jnp.asarray(length)).stationary_std
+    return {name: float(road[0]), f"{name}_slope": float(road[1])}
 
 
 def sample_noises(truth: Truth, vehicle: Vehicle, suite: SensorSuite, dt: float) -> Noise:
@@ -222,8 +234,14 @@ def sample_noises(truth: Truth, vehicle: Vehicle, suite: SensorSuite, dt: float)
     slip = vehicle.wheels.radius * spin / np.maximum(truth.velocity_x, SLOWEST)
     ratio = 1.0 if vehicle.steering is None else vehicle.steering.ratio
     steer = np.full(len(truth.load), sample_noise(suite.steering_wheel) / ratio)
-    sensors = np.column_stack([accel, accel, rate, speed, speed, torque])
-    return Noise(sensors, np.column_stack([*4 * [slip], steer]))
+    sensors = np.column_stack([accel, accel, rate, rate, rate, speed, speed, torque])
+    walks = dict.fromkeys(("accel_x_bias", "accel_y_bias"), suite.imu.accel.walk)
+    walks |= dict.fromkeys(("yaw_rate_bias", "pitch_rate_bias", "roll_rate_bias"), suite.imu.gyro.walk)
+    drift = _DRIFT * np.sqrt(np.abs(truth.velocity_x))
+    walk = np.zeros((len(truth.load), len(STATES)))
+    for name, std in (walks | dict.fromkeys(("friction_slippery", "friction_grippy"), drift)).items():
+        walk[:, STATES.index(name)] = std
+    return Noise(sensors, np.column_stack([*4 * [slip], steer]), walk)
 
 
 def _driven(vehicle: Vehicle) -> Array:
@@ -264,7 +282,7 @@ def _prepared(world: World, truth: Truth, noise: Noise, dt: Any) -> tuple[Any, A
 
     def one(truth: Truth, noise: Noise, dt: Any) -> tuple[Any, Any]:
         at = slopes(world, truth)
-        F, root_Q = moved(at, noise, dt)
+        F, root_Q = moved(world, truth, at, noise, dt)
         inputs = F, at.sensors[:, : len(STATES)], root_Q, read(at, noise)
         return inputs, jnp.concatenate([_of_groups(truth), at.axles[:, : len(STATES)]])
 
@@ -276,10 +294,15 @@ def _spread(wanted: Any, factor: Any) -> Any:
     return jnp.linalg.norm(wanted @ factor, axis=-1)
 
 
-def moved(at: Slopes, noise: Noise, dt: Any) -> tuple[Any, Any]:
-    """F (n, n) and √Q (n, 5) of a step by the backward Euler rule, which any stiffness of slow wheels bears.
+def moved(world: World, truth: Truth, at: Slopes, noise: Noise, dt: Any) -> tuple[Any, Any]:
+    """F (n, n) and √Q (n, n + 9) of a step.
+
+    The motion moves by the backward Euler rule, which any stiffness of slow wheels bears; grade and bank as
+    their priors say.
 
     Args:
+        world: the car and its roads.
+        truth: of the sample.
         at: slopes of the sample.
         noise: of the sample.
         dt: s since the one before.
@@ -289,11 +312,20 @@ def moved(at: Slopes, noise: Noise, dt: Any) -> tuple[Any, Any]:
     ahead = jnp.linalg.inv(jnp.eye(MOTION) - dt * A[:, :MOTION])
     rows = jnp.concatenate([ahead, dt * ahead @ A[:, MOTION:]], axis=1)
     F = jnp.eye(n).at[:MOTION].set(rows)
-    return F, jnp.zeros((n, len(NOISES))).at[:MOTION].set(dt * ahead @ B * noise.inner)
+    inner = jnp.zeros((n, len(NOISES))).at[:MOTION].set(dt * ahead @ B * noise.inner)
+    Q = [inner, jnp.diag(noise.walk) * jnp.sqrt(dt)]
+    distance = jnp.abs(truth.velocity_x) * dt
+    for name, road in (("grade", world.grade), ("bank", world.bank)):
+        i = STATES.index(name)
+        F = F.at[i : i + 2, i : i + 2].set(road.transition(distance))
+        # where it stands still the factor's cross term is 0/0
+        moves = jnp.where(distance > 0, road.sqrt_Q(jnp.maximum(distance, _NEAREST)), 0.0)
+        Q.append(jnp.zeros((n, 2)).at[i : i + 2].set(moves))
+    return F, jnp.concatenate(Q, axis=1)
 
 
 def read(at: Slopes, noise: Noise) -> Any:
-    """√R (9, 9): errors of slips and steering reach several sensors' predictions at once.
+    """√R (11, 11): errors of slips and steering reach several sensors' predictions at once.
 
     Args:
         at: slopes of the sample.

@@ -1,21 +1,24 @@
 """The world of the ideal filter of :mod:`benchmarks.accuracy.friction_bound`: its states and its equations.
 
 States are errors about the truth: of the motion (v_x, v_y, r), of the sensors (biases b, gains γ, the
-inertial unit's yaw ψ, the steering's offset and gain), of the road (grade θ, bank φ, ln μ of each piece of
-road) and of the car (ln m, ln I_z, ln h, ln R, rolling resistance c_r, drag D, and of the plant's own Magic
-Formula the logarithms of its slip and cornering stiffnesses and of its shape factors C_x and C_y). With the
-forces F(κ, α, F_z, μ) of the four wheels in the car's axes
+inertial unit's yaw ψ, the steering's offset and gain), of the road (grade θ, bank φ, their rates of
+distance θ' and φ', ln μ of each piece of road) and of the car (ln m, ln I_z, ln h, ln R, rolling
+resistance c_r, drag D, and of the plant's own Magic Formula the logarithms of its slip and cornering
+stiffnesses and of its shape factors C_x and C_y). With the forces F(κ, α, F_z, μ) of the four wheels in
+the car's axes
 
     v̇_x = (ΣF_x − D)/m + r v_y − g θ,   v̇_y = ΣF_y/m − r v_x − g φ,   ṙ = ΣM_z/I_z,
 
 and measured are
 
     (1 + γ_x) a_x + b_x − ψ a_y,   (1 + γ_y) a_y + b_y + ψ a_x,   (1 + γ_r) r + b_r,
+    v_x θ' + b_q and v_x φ' + b_p by the gyroscopes of pitch and roll,
     √(v_x² + v_y²) and v_x θ by the receiver,
     R F_x + c_r R F_z − γ_d T_d − b_d + γ_b T_b = T_d − T_b − I ω̇ at each wheel,
 
 with a_x = (ΣF_x − D)/m and a_y = ΣF_y/m. The last is no equation of motion: a wheel finds its slip within a
-sample, so it is the torques that tell F_x.
+sample, so it is the torques that tell F_x. Grade and bank change with distance as
+:class:`roadstate.estimators.road.GradePrior` says, ln μ drifts with it, and biases walk with time.
 """
 
 from __future__ import annotations
@@ -30,6 +33,8 @@ from benchmarks.accuracy.friction_truth import SLOWEST, Truth
 
 from roadstate.core import WHEELS
 from roadstate.core.constants import GRAVITY
+from roadstate.estimators.road import GradePrior
+from roadstate.estimators.sideways import BANK_LENGTH
 from roadstate.tires.base import as_leaf
 from roadstate.tires.magic_formula import MagicFormula
 from roadstate.vehicles import Vehicle
@@ -37,18 +42,22 @@ from roadstate.vehicles import Vehicle
 STATES = (
     "velocity_x", "velocity_y", "yaw_rate",
     "accel_x_bias", "accel_y_bias", "yaw_rate_bias", "accel_x_gain", "accel_y_gain", "yaw_rate_gain",
-    "mounting_yaw", "steer_bias", "steer_gain", "grade", "bank",
+    "pitch_rate_bias", "roll_rate_bias", "mounting_yaw", "steer_bias", "steer_gain",
+    "grade", "grade_slope", "bank", "bank_slope",
     "mass", "yaw_inertia", "cg_height", "radius", "rolling_resistance", "drag",
     "slip_stiffness", "cornering_front", "cornering_rear", "shape_x", "shape_y",
     *(f"{what}_{w}" for what in ("drive_gain", "drive_bias", "brake_gain") for w in WHEELS),
     "friction_slippery", "friction_grippy",
 )  # fmt: skip
-SENSORS = ("accel_x", "accel_y", "yaw_rate", "speed", "vertical_speed", *(f"torque_{w}" for w in WHEELS))
+SENSORS = (
+    "accel_x", "accel_y", "yaw_rate", "pitch_rate", "roll_rate", "speed", "vertical_speed",
+    *(f"torque_{w}" for w in WHEELS),
+)  # fmt: skip
 NOISES = (*(f"slip_{w}" for w in WHEELS), "steer")
 """Errors of what the forces are computed from, new at each sample."""
 AXLE_FORCES = ("force_x_front", "force_x_rear", "force_y_front", "force_y_rear")
 MOTION = 3
-"""So many states at the beginning move by themselves; the others stay."""
+"""So many states at the beginning are the motion of the car."""
 _FRONT = np.array([1.0, 1.0, 0.0, 0.0])
 _LIGHTEST = 50.0  # N
 
@@ -62,6 +71,7 @@ class World(eqx.Module):
         mass, yaw_inertia, radius: kg, kg·m², m.
         load_x, load_y: (4,) change of each load per force on the car along and across, -.
         drag: over the square of the speed, N/(m/s)².
+        grade, bank: how they change along the road.
     """
 
     tire: MagicFormula
@@ -73,6 +83,8 @@ class World(eqx.Module):
     load_x: Any
     load_y: Any
     drag: Any
+    grade: GradePrior
+    bank: GradePrior
 
 
 def world_of(vehicle: Vehicle, tire: MagicFormula) -> World:
@@ -96,7 +108,16 @@ def world_of(vehicle: Vehicle, tire: MagicFormula) -> World:
         "load_y": -side * share * g.cg_height / track,
         "drag": 0.5 * vehicle.aerodynamics.air_density * vehicle.drag_area,
     }
-    return World(tire=tire, **{name: as_leaf(value) for name, value in numbers.items()})
+    prior = vehicle.prior
+    grade, bank = (
+        GradePrior(as_leaf(std), as_leaf(length))
+        for std, length in (
+            (prior.grade_std, prior.grade_correlation_length),
+            (prior.bank_std, BANK_LENGTH),
+        )
+    )
+    leaves = {name: as_leaf(value) for name, value in numbers.items()}
+    return World(tire=tire, grade=grade, bank=bank, **leaves)
 
 
 class Slopes(NamedTuple):
@@ -104,7 +125,7 @@ class Slopes(NamedTuple):
 
     Attributes:
         motion: (3, n + 5) of the rates of change of the motion.
-        sensors: (9, n + 5) of :data:`SENSORS`.
+        sensors: (11, n + 5) of :data:`SENSORS`.
         axles: (4, n + 5) of :data:`AXLE_FORCES`, N.
     """
 
@@ -125,7 +146,7 @@ def slopes(world: World, truth: Truth) -> Slopes:
 
 
 def equations(world: World, truth: Truth, errors: Any) -> tuple[Any, Any, Any]:
-    """Rates of the motion (3,), what sensors read (9,) and axle forces (4,), see the module.
+    """Rates of the motion (3,), what sensors read (11,) and axle forces (4,), see the module.
 
     Args:
         world: the car.
@@ -165,6 +186,8 @@ def equations(world: World, truth: Truth, errors: Any) -> tuple[Any, Any, Any]:
         (1 + x["accel_x_gain"]) * a_x + x["accel_x_bias"] - x["mounting_yaw"] * a_y,
         (1 + x["accel_y_gain"]) * a_y + x["accel_y_bias"] + x["mounting_yaw"] * a_x,
         (1 + x["yaw_rate_gain"]) * r + x["yaw_rate_bias"],
+        v_x * x["grade_slope"] + x["pitch_rate_bias"],
+        v_x * x["bank_slope"] + x["roll_rate_bias"],
         jnp.hypot(v_x, v_y),
         v_x * x["grade"],
         *torques,

@@ -25,7 +25,8 @@ STATES = (
 )
 SIZE = len(STATES)
 V_Y, BANK, BANK_RATE, BIAS_Y, STIFF_F, STIFF_R, SHAPE_F, SHAPE_R, STEER_BIAS, LEVER, BIAS_R = range(SIZE)
-_BANK_LENGTH = 80.0  # m over which a road keeps its bank
+BANK_LENGTH = 80.0
+"""m over which a road keeps its bank."""
 _LASTING = 3600.0  # s
 _LEVER = 0.3  # m: 1σ of how far the accelerometer sits ahead of the centre of gravity
 SLOWEST = 3.0
@@ -90,7 +91,7 @@ class Sideways(eqx.Module):
     def __init__(self, vehicle: Vehicle) -> None:
         prior, sensors = vehicle.prior, vehicle.sensors
         bank = GRAVITY * prior.bank_std
-        rate = bank * 3**0.5 / _BANK_LENGTH
+        rate = bank * 3**0.5 / BANK_LENGTH
         bias, steer = sensors.accel.bias, sensors.steer.bias
         stiff, shape = prior.stiffness_relative, prior.tire_shape_std
         self.std = jnp.asarray(
@@ -98,7 +99,7 @@ class Sideways(eqx.Module):
                 [1.0, bank, rate, bias, stiff, stiff, shape, shape, steer, _LEVER, sensors.yaw_rate.bias]
             )
         )
-        self.road = GradePrior(leaf(bank), leaf(_BANK_LENGTH))
+        self.road = GradePrior(leaf(bank), leaf(BANK_LENGTH))
         self.white = jnp.maximum(leaf(sensors.accel.noise_density), _ACCEL)
         geometry = vehicle.geometry
         self.arm = jnp.asarray([geometry.cg_to_front_axle, -geometry.cg_to_rear_axle])
