@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 VIEWS = ("", "_front", "_rear", "_left", "_right")
 """The car and its parts, of whose tires friction is told."""
-_M = 4  # of a side's wheels: slip stiffness, shape, what front and rear wheel seem to slip when they roll
+_M = 3  # of a wheel: slip stiffness, shape, what it seems to slip when it rolls
 _LEAST, _LARGEST, _COUNT = 0.06, 1.35, 32  # a power of two: XLA vectorises it
 _ELSEWHERE = 0.5  # prior probability of a road that is not dry
 _JUMP = 1 / 400.0  # 1/m: how often the road's friction changes altogether
@@ -72,7 +72,7 @@ _WEIGHTS = np.array(
         [1.0, 1.0, 0.0, 1.0, 0.0, 1.0],
     ]
 )
-_SIDES = slice(5, 7)
+_WHEELS, _SIDES = slice(1, 5), slice(5, 7)
 # each of VIEWS is the mean of parts that may stand on different roads
 _MEANS = np.array(
     [
@@ -93,9 +93,9 @@ class BankState(NamedTuple):
         x: (n, J) what each friction makes of :data:`STATES`; stiffnesses as logarithms of their factors,
             shape as difference from the file's, lever in m.
         P: (n, n, J) its covariance.
-        y: (2, m, J) of the left and the right side's wheels: logarithm of the slip stiffness' factor, the
-            longitudinal shape's difference, and what front and rear wheel seem to slip when they roll.
-        Y: (2, m, m, J) its covariance.
+        y: (4, m, J) of the wheels: logarithm of the slip stiffness' factor, the longitudinal shape's
+            difference, and what a wheel seems to slip when it rolls.
+        Y: (4, m, m, J) its covariance.
         level: (14,) F_y/F_z of the axles, F_x/F_z of the wheels, what it were if it stayed linear, and what
             the wheels slip beyond their force, slowed.
     """
@@ -103,8 +103,8 @@ class BankState(NamedTuple):
     log_weight: Float[Array, "7 J"]
     x: Float[Array, "n J"]
     P: Float[Array, "n n J"]
-    y: Float[Array, "2 m J"]
-    Y: Float[Array, "2 m m J"]
+    y: Float[Array, "4 m J"]
+    Y: Float[Array, "4 m m J"]
     level: Float[Array, " 14"]
 
 
@@ -161,7 +161,7 @@ class FrictionBank(eqx.Module):
         self.motion = Sideways(vehicle)
         # what the low pass leaves of the accelerometer's white noise in a force over load
         self._shake = leaf(vehicle.sensors.accel.noise_density / GRAVITY / (2 * SMOOTHING) ** 0.5)
-        self._along_std = jnp.asarray(np.array([stiff, shape, _SLIP_OFFSET, _SLIP_OFFSET]))
+        self._along_std = jnp.asarray(np.array([stiff, shape, _SLIP_OFFSET]))
 
     def init(self) -> BankState:
         """The prior."""
@@ -170,8 +170,8 @@ class FrictionBank(eqx.Module):
             jnp.broadcast_to(self.prior, (len(_WEIGHTS), _COUNT)),
             jnp.zeros((SIZE, _COUNT)),
             jnp.diag(self.motion.std**2)[:, :, None] * ones,
-            jnp.zeros((2, _M, _COUNT)),
-            jnp.broadcast_to(jnp.diag(self._along_std**2)[:, :, None], (2, _M, _M, _COUNT)),
+            jnp.zeros((4, _M, _COUNT)),
+            jnp.broadcast_to(jnp.diag(self._along_std**2)[:, :, None], (4, _M, _M, _COUNT)),
             jnp.concatenate([jnp.zeros(10), jnp.full(4, slip_jump.NOTHING)]),
         )
 
@@ -202,7 +202,7 @@ class FrictionBank(eqx.Module):
         row = jnp.stack([jnp.full_like(rear, 1 / speed), *[zero] * (SIZE - 1)])
         x, P, _ = learn(x, P, row, -rear, jnp.full_like(rear, _SIDESLIP**2), takes[1])
         for axle in range(2):
-            here = self._axle(x, touch, speed, mixed.y, axle)
+            here = self._axle(x, touch, speed, mixed.y[2 * axle : 2 * axle + 2], axle)
             angle = self._cornering(x, touch, axle)
             by_angle = here.across_by_angle * angle
             lagged = -by_angle / speed
@@ -226,14 +226,12 @@ class FrictionBank(eqx.Module):
             innovation = jnp.where(known, measured - here.across - misread, 0.0)
             x, P, likelihood = learn(x, P, row, innovation, noise, takes[axle], whole[axle])
             across_evidence.append(jnp.where(known, likelihood, 0.0))
-        y, Y = mixed.y, mixed.Y
         along_evidence = []
+        learned = []
         for axle in range(2):
             pair = slice(2 * axle, 2 * axle + 2)
-            here, by_slip, by_error, bent = self._wheels(x, y, touch, speed, axle)
-            rows = [here.along_by_slip, here.along_by_shape, *[jnp.zeros_like(by_slip)] * 2]
-            rows[2 + axle] = -by_slip
-            row = jnp.stack(rows, axis=1)
+            here, by_slip, by_error, bent = self._wheels(x, mixed.y[pair], touch, speed, axle)
+            row = jnp.stack([here.along_by_slip, here.along_by_shape, -by_slip], axis=1)
             measured = touch.along[pair, None]
             aside = _SLIP_ASIDE * self._angle(x, touch, speed, axle)
             slips = jnp.sqrt(touch.slip_std[pair, None] ** 2 + touch.slip_shared**2 + aside**2)
@@ -251,7 +249,8 @@ class FrictionBank(eqx.Module):
             shared = (by_error * touch.slip_shared) ** 2 / noise
             lasts = 2 * (_SLIP_TIME[0] + (_SLIP_TIME[1] - _SLIP_TIME[0]) * jnp.where(sure, shared, 0.0))
             counts = jnp.maximum((lasts + 1 / anew[i, None]) / step, 1.0)
-            y, Y, likelihood = learn(y, Y, row, innovation, noise, counts)
+            y, Y, likelihood = learn(mixed.y[pair], mixed.Y[pair], row, innovation, noise, counts)
+            learned.append((y, Y))
             likelihood = likelihood + slip_jump.evidence(
                 jump[pair], changed[pair], touch, axle, aside, self._slip_stiffness, self.friction, bent,
                 jnp.sqrt(floor), step,
@@ -262,6 +261,7 @@ class FrictionBank(eqx.Module):
         most = jnp.max(raised, axis=1, keepdims=True)
         total = most + jnp.log(jnp.sum(jnp.exp(raised - most), axis=1, keepdims=True))
         weight = jnp.maximum(raised - total, _FLOOR)
+        y, Y = (jnp.concatenate(pairs) for pairs in zip(*learned, strict=True))
         return BankState(weight, x, P, y, Y, level), total[0, 0]
 
     def _cornering(self, x: Array, touch: Touch, axle: int) -> Array:
@@ -281,7 +281,7 @@ class FrictionBank(eqx.Module):
         """Left and right tire of an axle, (2, J), ∂(F_x/F_z)/∂ slip, how much a slip's error can do, and what
         the force over load were if it stayed linear up to the slip that goes with it."""
         pair = slice(2 * axle, 2 * axle + 2)
-        ratio = theoretical_slip(touch.slip[pair, None] - y[:, 2 + axle])
+        ratio = theoretical_slip(touch.slip[pair, None] - y[:, 2])
         stiff = self._slip_stiffness * jnp.exp(y[:, 0])
         angle = self._angle(x, touch, speed, axle)
         across = self._cornering(x, touch, axle) * angle
@@ -298,7 +298,7 @@ class FrictionBank(eqx.Module):
 
     def _axle(self, x: Array, touch: Touch, speed: Array, y: Array, axle: int) -> Grip:
         """An axle's tires together: the mean of its wheels, which slip as their own side does."""
-        slip = touch.slip[2 * axle : 2 * axle + 2, None] - y[:, 2 + axle]
+        slip = touch.slip[2 * axle : 2 * axle + 2, None] - y[:, 2]
         along = self._slip_stiffness * jnp.exp(y[:, 0]) * theoretical_slip(slip)
         angle = self._angle(x, touch, speed, axle)
         across = self._cornering(x, touch, axle) * angle
@@ -319,7 +319,7 @@ class FrictionBank(eqx.Module):
         whole = (1 - born) * p + fresh
         new = fresh / jnp.maximum(whole, 1e-30)
         x, P = inherit(state.x, state.P, p[0], new[0])
-        y, Y = jax.vmap(inherit)(state.y, state.Y, p[_SIDES], new[_SIDES])
+        y, Y = jax.vmap(inherit)(state.y, state.Y, p[_WHEELS], new[_WHEELS])
         return BankState(jnp.log(jnp.maximum(whole, 1e-30)), x, P, y, Y, state.level)
 
     def merged(self, state: BankState) -> tuple[Array, Array]:

@@ -10,7 +10,7 @@ from roadstate.estimators.trigonometry import arcsin, arctan, sin_cos
 from roadstate.tires.smooth import Numbers
 
 _LEAST = 1e-6  # of a normalised slip: below it the curve is its tangent
-_SHAPES = (1.35, 0.35)  # shape factors there are: middle and half range
+_SHAPES = (1.4, 0.4)  # shape factors there are: middle and half range
 TOP = 0.95
 """Share of the friction from which on a force hardly tells the slip."""
 
