@@ -69,6 +69,7 @@ class JointState(NamedTuple):
         fault_age: (8 + m,) s for which each inertial, steering and wheel signal has been refused or stuck,
             and each of the filter's sensors refused.
         latest: what the forces were, for :meth:`Joint.estimate`.
+        sideways: mean (n,) and 1σ (n,) of what the bank makes of its states.
         friction: (3, 5) 5 %, 50 % and 95 % quantiles of each view's friction.
         validity: code.
     """
@@ -86,6 +87,7 @@ class JointState(NamedTuple):
     doubt: Float[Array, ""]
     fault_age: Float[Array, " k"]
     latest: AxleForces
+    sideways: tuple[Float[Array, " n"], Float[Array, " n"]]
     friction: Float[Array, "3 5"]
     validity: Int[Array, ""]
 
@@ -195,13 +197,14 @@ class Joint(Estimator[JointState]):
             doubt=zero,
             fault_age=jnp.zeros(len(ROWS) + len(self.sensors)),
             latest=self.forces.nothing(),
+            sideways=self.bank.merged(self.bank.init()),
             friction=self.bank.quantiles(self.bank.init(), _QUANTILES),
             validity=jnp.asarray(int(Validity.SENSOR_MISSING)),
         )
 
     def step(self, state: JointState, sample: Sample, dt: Float[Array, ""]) -> tuple[JointState, Info]:
         """Signals, forces, motion along the road, then what goes on across it."""
-        x, (across, across_std) = state.along.gaussian.mean, self.bank.merged(state.bank)
+        x, (across, across_std) = state.along.gaussian.mean, state.sideways
         held, raw = self.signals.read(state.signals, sample, x[SPEED], dt)
         raw, verdict = once((raw, self.trust.verdict(state.trust)))
         seen = once(self.trust.mend(state.trust, verdict, raw, x[SPEED]))
@@ -255,7 +258,7 @@ class Joint(Estimator[JointState]):
             refused = refused.at[self.sensors.index("attitude")].max(self.pitch.is_faulty(pitch))
         faulty = jnp.concatenate([raw.is_faulty, refused])
         fault_age = jnp.where(faulty, state.fault_age + dt, 0.0)
-        friction = once(self.bank.quantiles(bank, _QUANTILES))
+        sideways, friction = once((self.bank.merged(bank), self.bank.quantiles(bank, _QUANTILES)))
         new = JointState(
             watch,
             held,
@@ -270,6 +273,7 @@ class Joint(Estimator[JointState]):
             doubt,
             fault_age,
             forces,
+            sideways,
             friction,
             state.validity,
         )

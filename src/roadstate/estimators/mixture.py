@@ -59,7 +59,7 @@ def moments(x: Array, P: Array, p: Array) -> tuple[Array, Array]:
     """Mean (n,) and 1σ (n,) of all hypotheses together, of x (n, J), P (n, n, J) and weights p (J,)."""
     p = p / jnp.sum(p)
     mean = jnp.sum(p * x, axis=1)
-    own = jnp.sum(P * jnp.eye(len(x), dtype=P.dtype)[:, :, None], axis=1)  # the diagonal, without gathering
+    own = jnp.stack([P[i, i] for i in range(len(x))])
     return mean, root(jnp.sum(p * (own + (x - mean[:, None]) ** 2), axis=1))
 
 
