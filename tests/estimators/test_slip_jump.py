@@ -88,12 +88,13 @@ def test_a_wheel_that_falls_silent_and_comes_back_has_not_jumped() -> None:
 def told(jump: Array, friction: Array, force: float = FORCE, changed: float = 0.0) -> Array:
     """:func:`evidence` of one sample for the front axle."""
     here = touch(np.full(4, 0.012), np.full(4, force))
-    count = len(friction)
-    bent = elastic(jnp.full((2, 1), force), jnp.asarray(friction), jnp.asarray(1.45))
-    return slip_jump.evidence(
-        jnp.asarray(jump), jnp.full(2, changed), here, 0, jnp.zeros(count), jnp.asarray(STIFFNESS),
-        jnp.asarray(friction), bent, jnp.full((2, 1), 0.008), jnp.asarray(DT),
+    bent = elastic(jnp.full((4, 1), force), jnp.asarray(friction), jnp.asarray(1.45))
+    moved = slip_jump.Jump(jnp.concatenate([jnp.asarray(jump), jnp.zeros(2)]), jnp.full(4, changed))
+    found = slip_jump.evidence(
+        moved, here, jnp.zeros((4, len(friction))), jnp.asarray(STIFFNESS), jnp.asarray(friction), bent,
+        jnp.full((4, 1), 0.008), jnp.asarray(DT),
     )  # fmt: skip
+    return found[:2]
 
 
 def test_evidence_is_against_roads_on_which_no_wheel_slips_so_much() -> None:

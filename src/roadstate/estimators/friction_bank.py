@@ -11,9 +11,11 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from roadstate.core.constants import GRAVITY
+from roadstate.core.kernel import once
 from roadstate.estimators import slip_jump
 from roadstate.estimators.base import leaf
-from roadstate.estimators.friction_curve import TOP, Grip, bounded, elastic, theoretical_slip
+from roadstate.estimators.friction_curve import Grip, bounded, theoretical_slip
+from roadstate.estimators.friction_wheels import Aside, Wheels
 from roadstate.estimators.intake import SMOOTHING
 from roadstate.estimators.mixture import inherit, learn, moments
 from roadstate.estimators.sideways import (
@@ -37,7 +39,6 @@ if TYPE_CHECKING:
 
 VIEWS = ("", "_front", "_rear", "_left", "_right")
 """The car and its parts, of whose tires friction is told."""
-_M = 3  # of a wheel: slip stiffness, shape, what it seems to slip when it rolls
 _LEAST, _LARGEST, _COUNT = 0.06, 1.35, 32  # a power of two: XLA vectorises it
 _ELSEWHERE = 0.5  # prior probability of a road that is not dry
 _JUMP = 1 / 400.0  # 1/m: how often the road's friction changes altogether
@@ -47,13 +48,8 @@ _JOINS = (
 _DRIFT = 0.1**2 / 300.0  # 1/m: variance of ln μ that is added by driving on
 _SIDESLIP = 0.1  # rad: 1σ of the rear axle's slip angle
 _ERROR = (0.008, 0.03)  # 1σ of a force over load measured, and share of it
-_SHARE = 0.05  # 1σ of a wheel's share of the force, as a share of it, where nothing but that tells
 _ANGLE_ERROR = 0.002  # rad: 1σ of a slip angle, besides what v_y and the steering's bias do to it
 _ERROR_TIME = 0.05  # s: how long these errors last
-_SLIP_OFFSET = 0.003  # 1σ of a slip, of radii that differ
-_SLIP_ASIDE = 0.4  # 1σ of a slip, as a share of the slip angle: where a wheel heads is known that well
-_SLIP_TIME = (0.2, 4.0)  # s: how long errors of a slip last, its own and those that come from the speed
-_SLIP_KNOWN = 0.02  # 1σ of a slip up to which the curve is a line over its width
 _ANEW = (0.06, 12.0)  # change of a force over load that tells anew; else it does after s
 # in series with the tire: shares of what the front axle is softer than the rear one, and of the rear one
 _GIVES = (0.5, 0.03)
@@ -127,17 +123,16 @@ class FrictionBank(eqx.Module):
     Attributes:
         friction: (J,) the hypotheses.
         prior: (J,) log probability of each.
-        motion: of what friction hides in.
+        motion: of what friction hides in, sideways.
+        wheels: and along the road.
     """
 
     friction: Float[Array, " J"]
     prior: Float[Array, " J"]
     motion: Sideways
+    wheels: Wheels
     _stiffness: Float[Array, " 2"]
     _gives: Float[Array, " 2"]
-    _slip_stiffness: Float[Array, ""]
-    _shape: Float[Array, ""]
-    _along_std: Float[Array, " m"]
     _shake: Float[Array, ""]
 
     def __init__(self, vehicle: Vehicle) -> None:
@@ -155,13 +150,9 @@ class FrictionBank(eqx.Module):
         gives = np.array([_GIVES[0] * max(1 / front - 1 / rear, 0.0), _GIVES[1] / rear])
         self._gives = jnp.asarray(gives)
         self._stiffness = jnp.asarray(1 / (np.array([1 / front, 1 / rear]) - gives))
-        self._slip_stiffness = leaf(tires.slip_stiffness)
-        self._shape = leaf(tires.shape)
-        stiff, shape = prior.stiffness_relative, prior.tire_shape_std
-        self.motion = Sideways(vehicle)
+        self.motion, self.wheels = Sideways(vehicle), Wheels(vehicle)
         # what the low pass leaves of the accelerometer's white noise in a force over load
         self._shake = leaf(vehicle.sensors.accel.noise_density / GRAVITY / (2 * SMOOTHING) ** 0.5)
-        self._along_std = jnp.asarray(np.array([stiff, shape, _SLIP_OFFSET]))
 
     def init(self) -> BankState:
         """The prior."""
@@ -170,8 +161,7 @@ class FrictionBank(eqx.Module):
             jnp.broadcast_to(self.prior, (len(_WEIGHTS), _COUNT)),
             jnp.zeros((SIZE, _COUNT)),
             jnp.diag(self.motion.std**2)[:, :, None] * ones,
-            jnp.zeros((4, _M, _COUNT)),
-            jnp.broadcast_to(jnp.diag(self._along_std**2)[:, :, None], (4, _M, _M, _COUNT)),
+            *self.wheels.init(_COUNT),
             jnp.concatenate([jnp.zeros(10), jnp.full(4, slip_jump.NOTHING)]),
         )
 
@@ -182,14 +172,14 @@ class FrictionBank(eqx.Module):
         mixed = self._mixed(state, jnp.abs(touch.speed) * dt)
         x, P = self.motion.moved(mixed.x, mixed.P, touch, dt)
         # models err by where on the curve a tire works, so a sample counts anew as that changes
-        linear = self._slip_stiffness * theoretical_slip(touch.slip)
-        slips = slip_jump.unexplained(touch, self._slip_stiffness, state.level[10:])
+        linear = self.wheels.slip_stiffness * theoretical_slip(touch.slip)
+        slips = slip_jump.unexplained(touch, self.wheels.slip_stiffness, state.level[10:])
         told = jnp.concatenate([touch.across, touch.along, jnp.clip(linear, -1.0, 1.0), slips])
         memory = jnp.where(state.level < slip_jump.NOTHING, state.level, told)
         change = told - memory
         level = memory - jnp.expm1(-dt / slip_jump.MEMORY) * change
-        jump, changed = slip_jump.jumps(slips, memory[10:], touch), jnp.abs(change[2:6])
-        change = jnp.concatenate([jnp.abs(change[:2]), jnp.maximum(changed, jnp.abs(change[6:10]))])
+        jump = slip_jump.Jump(slip_jump.jumps(slips, memory[10:], touch), jnp.abs(change[2:6]))
+        change = jnp.concatenate([jnp.abs(change[:2]), jnp.maximum(jump.force, jnp.abs(change[6:10]))])
         anew = change / (_ANEW[0] * slip_jump.MEMORY) + 1 / _ANEW[1]
         whole = jnp.minimum((change / _ANEW[0]) ** 2, 1.0)
         step = jnp.maximum(dt, _LEAST_STEP)
@@ -201,8 +191,9 @@ class FrictionBank(eqx.Module):
         zero = jnp.zeros_like(rear)
         row = jnp.stack([jnp.full_like(rear, 1 / speed), *[zero] * (SIZE - 1)])
         x, P, _ = learn(x, P, row, -rear, jnp.full_like(rear, _SIDESLIP**2), takes[1])
+        along = once(self.wheels.linear(mixed.y, touch))
         for axle in range(2):
-            here = self._axle(x, touch, speed, mixed.y[2 * axle : 2 * axle + 2], axle)
+            here = self._axle(x, touch, speed, along[2 * axle : 2 * axle + 2], axle)
             angle = self._cornering(x, touch, axle)
             by_angle = here.across_by_angle * angle
             lagged = -by_angle / speed
@@ -226,42 +217,17 @@ class FrictionBank(eqx.Module):
             innovation = jnp.where(known, measured - here.across - misread, 0.0)
             x, P, likelihood = learn(x, P, row, innovation, noise, takes[axle], whole[axle])
             across_evidence.append(jnp.where(known, likelihood, 0.0))
-        along_evidence = []
-        learned = []
-        for axle in range(2):
-            pair = slice(2 * axle, 2 * axle + 2)
-            here, by_slip, by_error, bent = self._wheels(x, mixed.y[pair], touch, speed, axle)
-            row = jnp.stack([here.along_by_slip, here.along_by_shape, -by_slip], axis=1)
-            measured = touch.along[pair, None]
-            aside = _SLIP_ASIDE * self._angle(x, touch, speed, axle)
-            slips = jnp.sqrt(touch.slip_std[pair, None] ** 2 + touch.slip_shared**2 + aside**2)
-            floor = touch.along_std[pair, None] ** 2 + _ERROR[0] ** 2 + (_ERROR[1] * measured) ** 2
-            noise = floor + (by_error * slips) ** 2
-            # a curve is no line over the width of a slip that is hardly known, unless the tire surely slides;
-            # but no tire bears more than the friction, whatever its slip
-            sure = jnp.maximum(_SLIP_KNOWN, jnp.abs(touch.slip[pair, None]) / 3) > touch.slip_shared
-            beyond = jnp.sign(measured) * jnp.maximum(jnp.abs(measured) - self.friction, 0.0)
-            known = jnp.isfinite(floor) & (jnp.abs(touch.speed) > 0.5 * SLOWEST)
-            noise = jnp.where(known, jnp.where(sure, noise, floor + (_SHARE * measured) ** 2), 1e12)
-            row = jnp.where(sure[:, None], row, 0.0)
-            innovation = jnp.where(known, jnp.where(sure, measured - here.along, beyond), 0.0)
-            i = slice(2 + 2 * axle, 4 + 2 * axle)
-            shared = (by_error * touch.slip_shared) ** 2 / noise
-            lasts = 2 * (_SLIP_TIME[0] + (_SLIP_TIME[1] - _SLIP_TIME[0]) * jnp.where(sure, shared, 0.0))
-            counts = jnp.maximum((lasts + 1 / anew[i, None]) / step, 1.0)
-            y, Y, likelihood = learn(mixed.y[pair], mixed.Y[pair], row, innovation, noise, counts)
-            learned.append((y, Y))
-            likelihood = likelihood + slip_jump.evidence(
-                jump[pair], changed[pair], touch, axle, aside, self._slip_stiffness, self.friction, bent,
-                jnp.sqrt(floor), step,
-            )  # fmt: skip
-            along_evidence.append(jnp.where(known, likelihood, 0.0))
-        evidence = jnp.concatenate([jnp.stack(across_evidence), *along_evidence])
+        angles = [self._angle(x, touch, speed, axle) for axle in range(2)]
+        across = [self._cornering(x, touch, axle) * angles[axle] for axle in range(2)]
+        aside = Aside(jnp.stack(angles), jnp.stack(across))
+        y, Y, likelihoods = self.wheels.learn(
+            mixed.y, mixed.Y, touch, self.friction, _ERROR, aside, jump, anew[2:], step
+        )
+        evidence = jnp.concatenate([jnp.stack(across_evidence), likelihoods])
         raised = mixed.log_weight + jnp.asarray(_WEIGHTS, x.dtype) @ evidence
         most = jnp.max(raised, axis=1, keepdims=True)
         total = most + jnp.log(jnp.sum(jnp.exp(raised - most), axis=1, keepdims=True))
         weight = jnp.maximum(raised - total, _FLOOR)
-        y, Y = (jnp.concatenate(pairs) for pairs in zip(*learned, strict=True))
         return BankState(weight, x, P, y, Y, level), total[0, 0]
 
     def _cornering(self, x: Array, touch: Touch, axle: int) -> Array:
@@ -275,34 +241,11 @@ class FrictionBank(eqx.Module):
         angle = angle - (x[V_Y] - self.motion.arm[axle] * x[BIAS_R] - touch.lag * lateral) / speed
         return angle - x[STEER_BIAS] * jnp.sign(touch.speed) if axle == 0 else angle
 
-    def _wheels(
-        self, x: Array, y: Array, touch: Touch, speed: Array, axle: int
-    ) -> tuple[Grip, Array, Array, Array]:
-        """Left and right tire of an axle, (2, J), ∂(F_x/F_z)/∂ slip, how much a slip's error can do, and what
-        the force over load were if it stayed linear up to the slip that goes with it."""
-        pair = slice(2 * axle, 2 * axle + 2)
-        ratio = theoretical_slip(touch.slip[pair, None] - y[:, 2])
-        stiff = self._slip_stiffness * jnp.exp(y[:, 0])
+    def _axle(self, x: Array, touch: Touch, speed: Array, along: Array, axle: int) -> Grip:
+        """An axle's tires together: the mean of its wheels, whose F_x/F_z were ``along`` if linear."""
         angle = self._angle(x, touch, speed, axle)
         across = self._cornering(x, touch, axle) * angle
-        shape = self._shape + y[:, 1]
-        here = bounded(stiff * ratio, across, self.friction, shape)
-        # As slips are uncertain, what matters is the curve's slope between the slip measured and the one that
-        # the force tells: next to its peak a curve is flat, and yet no slip there goes with half the force.
-        force = touch.along[pair, None]
-        bent = elastic(force, self.friction, shape)
-        apart = jnp.abs(ratio - bent / stiff)
-        chord = jnp.abs(here.along - force) / (stiff * jnp.maximum(apart, 1e-6))
-        slope = jnp.maximum(here.along_by_ratio, jnp.where(jnp.abs(force) < TOP * self.friction, chord, 0.0))
-        return here, stiff * here.along_by_ratio, stiff * slope, bent
-
-    def _axle(self, x: Array, touch: Touch, speed: Array, y: Array, axle: int) -> Grip:
-        """An axle's tires together: the mean of its wheels, which slip as their own side does."""
-        slip = touch.slip[2 * axle : 2 * axle + 2, None] - y[:, 2]
-        along = self._slip_stiffness * jnp.exp(y[:, 0]) * theoretical_slip(slip)
-        angle = self._angle(x, touch, speed, axle)
-        across = self._cornering(x, touch, axle) * angle
-        wheels = bounded(along, across, self.friction, self._shape + x[SHAPE_F + axle])
+        wheels = bounded(along, across, self.friction, self.wheels.shape + x[SHAPE_F + axle])
         return Grip(*(jnp.mean(part, axis=0) for part in wheels))
 
     def _mixed(self, state: BankState, distance: Array) -> BankState:

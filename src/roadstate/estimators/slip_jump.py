@@ -8,6 +8,8 @@ stays, and the rear ones' does not until they follow: that no stiffness feigns, 
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -29,6 +31,18 @@ _MOST = 0.4  # part of an independent time that one sample counts at most: force
 _USED = 0.8  # share of the friction from which on a force hardly tells the slip
 _LARGEST = 0.04  # slip from which on a tire's force may fall
 _CURVE = 1.35  # shape of a tire, to tell how steep its slip rises with its force
+
+
+class Jump(NamedTuple):
+    """Of the wheels, within :data:`MEMORY`.
+
+    Attributes:
+        slip: (4,) :func:`jumps`.
+        force: (4,) by how much F_x/F_z has changed.
+    """
+
+    slip: Float[Array, " 4"]
+    force: Float[Array, " 4"]
 
 
 def unexplained(touch: Touch, stiffness: Float[Array, ""], memory: Float[Array, " 4"]) -> Float[Array, " 4"]:
@@ -62,30 +76,26 @@ def jumps(now: Float[Array, " 4"], memory: Float[Array, " 4"], touch: Touch) -> 
 
 
 def evidence(
-    jump: Float[Array, " 2"],
-    changed: Float[Array, " 2"],
+    jump: Jump,
     touch: Touch,
-    axle: int,
-    aside: Float[Array, " J"],
+    aside: Float[Array, "4 J"],
     stiffness: Float[Array, ""],
     friction: Float[Array, " J"],
-    bent: Float[Array, "2 J"],
-    force_std: Float[Array, "2 1"],
+    bent: Float[Array, "4 J"],
+    force_std: Float[Array, "4 1"],
     step: Float[Array, ""],
-) -> Float[Array, "2 J"]:
-    """Log-likelihood of an axle's jumps under each friction: no wheel may slip more than its curve says.
+) -> Float[Array, "4 J"]:
+    """Log-likelihood of the wheels' jumps under each friction: no wheel may slip more than its curve says.
 
     The slip that a force F_x/F_z = f makes on a friction μ is that of the tire's curve; beyond what it would
     be if it stayed linear lies what a wheel may gain by coming onto that road. A jump that exceeds it speaks
     against the friction; one that falls short, not for another: the road may have been so for long. Where f
-    comes close to μ any slip may be. Of both wheels together the lesser jump counts, for a road that changes
-    under the axle (errors of the two are independent), or else each wheel's own.
+    comes close to μ any slip may be. Of an axle's wheels together the lesser jump counts, for a road that
+    changes under the axle (errors of the two are independent), or else each wheel's own.
 
     Args:
-        jump: :func:`jumps` of left and right wheel.
-        changed: by how much the force over load has, in the same time.
+        jump: of the wheels.
         touch: of the tires on the road.
-        axle: 0 in front, 1 behind.
         aside: 1σ of a slip by the slip angle, under each hypothesis.
         stiffness: C_κ/F_z.
         friction: hypotheses.
@@ -93,17 +103,16 @@ def evidence(
         force_std: 1σ of the force over load.
         step: s since the last sample.
     """
-    pair = slice(2 * axle, 2 * axle + 2)
-    force = jnp.abs(touch.along[pair, None])
+    force = jnp.abs(touch.along[:, None])
     bent = jnp.abs(bent)
     share = jnp.minimum(force / friction, _USED)
     steep = (1 + (bent / (friction * _CURVE)) ** 2) / jnp.sqrt(1 - share**2)  # of the slip over the force
-    of_force = (_FORCE[0] * changed[:, None]) ** 2 + (_FORCE[1] * force) ** 2 + (force_std * steep) ** 2
+    of_force = (_FORCE[0] * jump.force[:, None]) ** 2 + (_FORCE[1] * force) ** 2 + (force_std * steep) ** 2
     of_speed = _NOISE[0] ** 2 + (_NOISE[1] / jnp.maximum(jnp.abs(touch.speed), SLOWEST)) ** 2
     std = jnp.sqrt(of_speed + of_force / stiffness**2 + aside**2)
-    away = (jump[:, None] - (bent - force) / stiffness) / std
-    both = 2**0.5 * jnp.min(away, axis=0)
+    away = (jump.slip[:, None] - (bent - force) / stiffness) / std
+    both = 2**0.5 * jnp.repeat(jnp.minimum(away[0::2], away[1::2]), 2, axis=0)
     far = jnp.maximum(jnp.maximum(away, both) - _COUNTS, 0.0) ** 2
     told = tempered(far, _LASTS / step, _MOST)
-    tells = (force + 4 * force_std < _USED * friction) & (jnp.abs(touch.slip[pair, None]) < _LARGEST)
+    tells = (force + 4 * force_std < _USED * friction) & (jnp.abs(touch.slip[:, None]) < _LARGEST)
     return jnp.where(tells, told, 0.0)

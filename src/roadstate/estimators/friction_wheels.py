@@ -1,0 +1,140 @@
+"""What each wheel's slip and longitudinal force tell of the friction, under every hypothesis of it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from roadstate.estimators import slip_jump
+from roadstate.estimators.base import leaf
+from roadstate.estimators.friction_curve import TOP, Grip, bounded, elastic, theoretical_slip
+from roadstate.estimators.mixture import learn
+from roadstate.estimators.sideways import SLOWEST, Touch
+
+if TYPE_CHECKING:
+    from roadstate.vehicles import Vehicle
+
+_SIZE = 3  # states of a wheel
+_SHARE = 0.05  # 1σ of a wheel's share of the force, as a share of it, where nothing but that tells
+_SLIP_OFFSET = 0.003  # 1σ of a slip, of radii that differ
+_SLIP_ASIDE = 0.4  # 1σ of a slip, as a share of the slip angle: where a wheel heads is known that well
+_SLIP_TIME = (0.2, 4.0)  # s: how long errors of a slip last, its own and those that come from the speed
+_SLIP_KNOWN = 0.02  # 1σ of a slip up to which the curve is a line over its width
+
+
+class Aside(NamedTuple):
+    """Of the axles, front and rear, under each of J hypotheses.
+
+    Attributes:
+        angle: (2, J) slip angle, as its tangent.
+        force: (2, J) F_y/F_z if it stayed linear.
+    """
+
+    angle: Float[Array, "2 J"]
+    force: Float[Array, "2 J"]
+
+
+class Wheels(eqx.Module):
+    """For each wheel and each friction what that hides in: slip stiffness, shape, what rolling seems to slip.
+
+    A wheel learns of its own tire and rolling radius only. Did wheels of one side share what they learn, the
+    one that comes onto ice first would teach the one behind it, by the hypotheses that are being refuted, a
+    tire that there is not.
+
+    Attributes:
+        slip_stiffness: C_κ/F_z.
+        shape: C.
+    """
+
+    slip_stiffness: Float[Array, ""]
+    shape: Float[Array, ""]
+    _std: Float[Array, " m"]
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        tires, prior = vehicle.tires, vehicle.prior
+        self.slip_stiffness, self.shape = leaf(tires.slip_stiffness), leaf(tires.shape)
+        self._std = jnp.asarray(np.array([prior.stiffness_relative, prior.tire_shape_std, _SLIP_OFFSET]))
+
+    def init(self, count: int) -> tuple[Float[Array, "4 m J"], Float[Array, "4 m m J"]]:
+        """Mean and covariance of the logarithm of the slip stiffness' factor, of the longitudinal shape's
+        difference from the file's, and of what a wheel seems to slip when it rolls, for J hypotheses."""
+        ones = jnp.ones(count)
+        return jnp.zeros((4, _SIZE, count)), jnp.diag(self._std**2)[:, :, None] * ones * jnp.ones(
+            (4, 1, 1, 1)
+        )
+
+    def linear(self, y: Float[Array, "4 m J"], touch: Touch) -> Float[Array, "4 J"]:
+        """F_x/F_z of each wheel if it stayed linear."""
+        ratio = theoretical_slip(touch.slip[:, None] - y[:, 2])
+        return self.slip_stiffness * jnp.exp(y[:, 0]) * ratio
+
+    def learn(
+        self,
+        y: Float[Array, "4 m J"],
+        Y: Float[Array, "4 m m J"],
+        touch: Touch,
+        friction: Float[Array, " J"],
+        error: tuple[float, float],
+        aside: Aside,
+        jump: slip_jump.Jump,
+        anew: Float[Array, " 4"],
+        step: Float[Array, ""],
+    ) -> tuple[Float[Array, "4 m J"], Float[Array, "4 m m J"], Float[Array, "4 J"]]:
+        """Mean and covariance after a sample, and its log-likelihood.
+
+        Args:
+            y, Y: before.
+            touch: of the tires on the road.
+            friction: hypotheses.
+            error: 1σ of a force over load, and share of it.
+            aside: what the tires do sideways.
+            jump: of the slips.
+            anew: how often per second a wheel's place on its curve changes.
+            step: s since the last sample.
+        """
+        aside = Aside(*(jnp.repeat(part, 2, axis=0) for part in aside))
+        here, by_slip, by_error, bent = self._curves(y, touch, friction, aside.force)
+        row = jnp.stack([here.along_by_slip, here.along_by_shape, -by_slip], axis=1)
+        measured = touch.along[:, None]
+        turned = _SLIP_ASIDE * aside.angle
+        slips = jnp.sqrt(touch.slip_std[:, None] ** 2 + touch.slip_shared**2 + turned**2)
+        floor = touch.along_std[:, None] ** 2 + error[0] ** 2 + (error[1] * measured) ** 2
+        noise = floor + (by_error * slips) ** 2
+        # a curve is no line over the width of a slip that is hardly known, unless the tire surely slides;
+        # but no tire bears more than the friction, whatever its slip
+        sure = jnp.maximum(_SLIP_KNOWN, jnp.abs(touch.slip[:, None]) / 3) > touch.slip_shared
+        beyond = jnp.sign(measured) * jnp.maximum(jnp.abs(measured) - friction, 0.0)
+        known: Bool[Array, "4 1"] = jnp.isfinite(floor) & (jnp.abs(touch.speed) > 0.5 * SLOWEST)
+        noise = jnp.where(known, jnp.where(sure, noise, floor + (_SHARE * measured) ** 2), 1e12)
+        row = jnp.where(sure[:, None], row, 0.0)
+        innovation = jnp.where(known, jnp.where(sure, measured - here.along, beyond), 0.0)
+        shared = (by_error * touch.slip_shared) ** 2 / noise
+        lasts = 2 * (_SLIP_TIME[0] + (_SLIP_TIME[1] - _SLIP_TIME[0]) * jnp.where(sure, shared, 0.0))
+        counts = jnp.maximum((lasts + 1 / anew[:, None]) / step, 1.0)
+        y, Y, likelihood = learn(y, Y, row, innovation, noise, counts)
+        likelihood = likelihood + slip_jump.evidence(
+            jump, touch, turned, self.slip_stiffness, friction, bent, jnp.sqrt(floor), step
+        )
+        return y, Y, jnp.where(known, likelihood, 0.0)
+
+    def _curves(
+        self, y: Array, touch: Touch, friction: Array, across: Array
+    ) -> tuple[Grip, Array, Array, Array]:
+        """Each tire, ∂(F_x/F_z)/∂ slip, how much a slip's error can do, and what the force over load were if
+        it stayed linear up to the slip that goes with it; (4, J)."""
+        linear = self.linear(y, touch)
+        stiff = self.slip_stiffness * jnp.exp(y[:, 0])
+        shape = self.shape + y[:, 1]
+        here = bounded(linear, across, friction, shape)
+        # As slips are uncertain, what matters is the curve's slope between the slip measured and the one that
+        # the force tells: next to its peak a curve is flat, and yet no slip there goes with half the force.
+        force = touch.along[:, None]
+        bent = elastic(force, friction, shape)
+        apart = jnp.maximum(jnp.abs(linear - bent), 1e-6 * stiff)
+        chord = jnp.abs(here.along - force) / apart
+        slope = jnp.maximum(here.along_by_ratio, jnp.where(jnp.abs(force) < TOP * friction, chord, 0.0))
+        return here, stiff * here.along_by_ratio, stiff * slope, bent
