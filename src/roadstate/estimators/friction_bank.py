@@ -22,8 +22,9 @@ from roadstate.estimators.sideways import (
     BANK,
     BIAS_R,
     BIAS_Y,
+    GIVE_F,
     LEVER,
-    SHAPE_F,
+    SHAPE,
     SIZE,
     SLOWEST,
     STEER_BIAS,
@@ -51,8 +52,6 @@ _ERROR = (0.008, 0.03)  # 1σ of a force over load measured, and share of it
 _ANGLE_ERROR = 0.002  # rad: 1σ of a slip angle, besides what v_y and the steering's bias do to it
 _ERROR_TIME = 0.05  # s: how long these errors last
 _ANEW = (0.06, 12.0)  # change of a force over load that tells anew; else it does after s
-# in series with the tire: shares of what the front axle is softer than the rear one, and of the rear one
-_GIVES = (0.5, 0.03)
 _LEAST_STEP = 1e-3
 _FLOOR = -60.0  # of a log probability
 # Which evidence counts for which part: F_y front, rear, F_x of four wheels. The parts: the car as if it stood
@@ -131,8 +130,6 @@ class FrictionBank(eqx.Module):
     prior: Float[Array, " J"]
     motion: Sideways
     wheels: Wheels
-    _stiffness: Float[Array, " 2"]
-    _gives: Float[Array, " 2"]
     _shake: Float[Array, ""]
 
     def __init__(self, vehicle: Vehicle) -> None:
@@ -146,10 +143,6 @@ class FrictionBank(eqx.Module):
             jnp.asarray((1 - _ELSEWHERE) * dry / dry.sum() + _ELSEWHERE * other / other.sum())
         )
         self.friction = jnp.asarray(grid)
-        front, rear = tires.cornering_stiffness_front, tires.cornering_stiffness_rear
-        gives = np.array([_GIVES[0] * max(1 / front - 1 / rear, 0.0), _GIVES[1] / rear])
-        self._gives = jnp.asarray(gives)
-        self._stiffness = jnp.asarray(1 / (np.array([1 / front, 1 / rear]) - gives))
         self.motion, self.wheels = Sideways(vehicle), Wheels(vehicle)
         # what the low pass leaves of the accelerometer's white noise in a force over load
         self._shake = leaf(vehicle.sensors.accel.noise_density / GRAVITY / (2 * SMOOTHING) ** 0.5)
@@ -160,7 +153,7 @@ class FrictionBank(eqx.Module):
         return BankState(
             jnp.broadcast_to(self.prior, (len(_WEIGHTS), _COUNT)),
             jnp.zeros((SIZE, _COUNT)),
-            jnp.diag(self.motion.std**2)[:, :, None] * ones,
+            self.motion.first[:, :, None] * ones,
             *self.wheels.init(_COUNT),
             jnp.concatenate([jnp.zeros(10), jnp.full(4, slip_jump.NOTHING)]),
         )
@@ -202,15 +195,17 @@ class FrictionBank(eqx.Module):
             # the accelerometer's bias and place are in the force as well
             rows[BIAS_Y] = lagged * touch.lag + 1 / GRAVITY
             rows[LEVER] = rows[BIAS_Y] * touch.yaw_accel
-            rows[STIFF_F + axle], rows[SHAPE_F + axle] = here.across_by_slip, here.across_by_shape
+            rows[STIFF_F + axle], rows[SHAPE] = here.across_by_slip, here.across_by_shape
             rows[BIAS_R] = lagged * (-self.motion.arm[axle] - touch.lag * touch.speed)
+            gives = self._gives(x, axle)
             if axle == 0:
                 rows[STEER_BIAS] = -by_angle * jnp.sign(touch.speed)
+                rows[GIVE_F] = -by_angle * touch.across[0]
             row = jnp.stack(rows)
             measured = touch.across[axle]
             noise = self._shake**2 + _ERROR[0] ** 2 + (_ERROR[1] * measured) ** 2
             noise = noise + touch.across_std[axle] ** 2
-            noise = noise * (1 + self._gives[axle] * by_angle) ** 2 + (by_angle * _ANGLE_ERROR) ** 2
+            noise = noise * (1 + gives * by_angle) ** 2 + (by_angle * _ANGLE_ERROR) ** 2
             known = jnp.isfinite(noise) & (jnp.abs(touch.speed) > SLOWEST)
             noise = jnp.where(known, noise, 1e12)
             misread = (x[BIAS_Y] + x[LEVER] * touch.yaw_accel) / GRAVITY
@@ -232,12 +227,16 @@ class FrictionBank(eqx.Module):
 
     def _cornering(self, x: Array, touch: Touch, axle: int) -> Array:
         """C_α/F_z of an axle's tires, of which less is left as load moves to the outer wheel."""
-        return (1 - 0.4 * touch.transfer[axle]) * self._stiffness[axle] * jnp.exp(x[STIFF_F + axle])
+        return (1 - 0.4 * touch.transfer[axle]) * self.motion.stiffness[axle] * jnp.exp(x[STIFF_F + axle])
+
+    def _gives(self, x: Array, axle: int) -> Array:
+        """Angle that steering and suspension of an axle give per F_y/F_z, under each hypothesis."""
+        return self.motion.give[axle] + (x[GIVE_F] if axle == 0 else jnp.zeros_like(x[GIVE_F]))
 
     def _angle(self, x: Array, touch: Touch, speed: Array, axle: int) -> Array:
         """Slip angle of an axle under each hypothesis, as its tangent."""
         lateral = touch.lateral - x[BANK] - x[BIAS_Y] - x[LEVER] * touch.yaw_accel + touch.speed * x[BIAS_R]
-        angle = touch.angle[axle] - self._gives[axle] * touch.across[axle]
+        angle = touch.angle[axle] - self._gives(x, axle) * touch.across[axle]
         angle = angle - (x[V_Y] - self.motion.arm[axle] * x[BIAS_R] - touch.lag * lateral) / speed
         return angle - x[STEER_BIAS] * jnp.sign(touch.speed) if axle == 0 else angle
 
@@ -245,7 +244,7 @@ class FrictionBank(eqx.Module):
         """An axle's tires together: the mean of its wheels, whose F_x/F_z were ``along`` if linear."""
         angle = self._angle(x, touch, speed, axle)
         across = self._cornering(x, touch, axle) * angle
-        wheels = bounded(along, across, self.friction, self.wheels.shape + x[SHAPE_F + axle])
+        wheels = bounded(along, across, self.friction, self.wheels.shape + x[SHAPE])
         return Grip(*(jnp.mean(part, axis=0) for part in wheels))
 
     def _mixed(self, state: BankState, distance: Array) -> BankState:

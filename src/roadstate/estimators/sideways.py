@@ -20,11 +20,11 @@ if TYPE_CHECKING:
 
 STATES = (
     *("velocity_y", "bank", "bank_rate", "accel_y_bias"),
-    *("stiffness_front", "stiffness_rear", "shape_front", "shape_rear"),
+    *("stiffness_front", "stiffness_rear", "shape", "give_front"),
     *("steer_bias", "lever", "yaw_rate_bias"),
 )
 SIZE = len(STATES)
-V_Y, BANK, BANK_RATE, BIAS_Y, STIFF_F, STIFF_R, SHAPE_F, SHAPE_R, STEER_BIAS, LEVER, BIAS_R = range(SIZE)
+V_Y, BANK, BANK_RATE, BIAS_Y, STIFF_F, STIFF_R, SHAPE, GIVE_F, STEER_BIAS, LEVER, BIAS_R = range(SIZE)
 BANK_LENGTH = 80.0
 """m over which a road keeps its bank."""
 _LASTING = 3600.0  # s
@@ -32,8 +32,14 @@ _LEVER = 0.3  # m: 1σ of how far the accelerometer sits ahead of the centre of 
 SLOWEST = 3.0
 """Speed in m/s below which slip angles say nothing."""
 _AT_REST = 0.05  # m/s: 1σ of v_y then
-_LASTS = np.isin(np.arange(SIZE), [BIAS_Y, STIFF_F, STIFF_R, SHAPE_F, SHAPE_R, STEER_BIAS, BIAS_R])
+_LASTS = np.isin(np.arange(SIZE), [BIAS_Y, STIFF_F, STIFF_R, SHAPE, GIVE_F, STEER_BIAS, BIAS_R])
+_ALIKE = 0.7  # correlation of what front and rear tires are stiffer than the file says: they are of one make
+# share of steering and suspension in what the front axle is softer than the rear, and 1σ
+_GIVE = (0.75, 0.25)
+_REAR_GIVE = 0.03  # share that the suspension has in the rear axle's softness
+_LEAST_GIVE = 0.03  # 1σ of what the front suspension gives, over the axle's softness, at the least
 _ACCEL = 0.01  # m/s²/√Hz: white error of what moves the car sideways, however good the accelerometer
+_BOTH_LAST = np.outer(_LASTS, _LASTS)
 _IS_V_Y = np.arange(SIZE) == V_Y
 
 
@@ -77,13 +83,17 @@ class Sideways(eqx.Module):
     """Motion of :data:`STATES`: v̇_y = a_y − bank − bias − lever ṙ − v_x (r − its bias); the rest forgets.
 
     Attributes:
-        std: (n,) 1σ before anything is known.
+        first: (n, n) covariance before anything is known.
+        give: (2,) angle that steering and suspension of each axle give per F_y/F_z, as far as the file tells.
+        stiffness: (2,) C_α/F_z of the tires that goes with it.
         arm: (2,) of front and rear axle, ahead of the centre of gravity, m.
         road: how bank changes with distance.
         white: error of what moves the car sideways, m/s²/√Hz.
     """
 
-    std: Float[Array, " n"]
+    first: Float[Array, "n n"]
+    give: Float[Array, " 2"]
+    stiffness: Float[Array, " 2"]
     arm: Float[Array, " 2"]
     road: GradePrior
     white: Float[Array, ""]
@@ -94,11 +104,16 @@ class Sideways(eqx.Module):
         rate = bank * 3**0.5 / BANK_LENGTH
         bias, steer = sensors.accel.bias, sensors.steer.bias
         stiff, shape = prior.stiffness_relative, prior.tire_shape_std
-        self.std = jnp.asarray(
-            np.array(
-                [1.0, bank, rate, bias, stiff, stiff, shape, shape, steer, _LEVER, sensors.yaw_rate.bias]
-            )
-        )
+        soft = 1 / np.array([vehicle.tires.cornering_stiffness_front, vehicle.tires.cornering_stiffness_rear])
+        softer = max(soft[0] - soft[1], 0.0)
+        give = max(_GIVE[1] * softer, _LEAST_GIVE * soft[0])
+        gyro = sensors.yaw_rate.bias
+        std = np.array([1.0, bank, rate, bias, stiff, stiff, shape, give, steer, _LEVER, gyro])
+        alike = np.eye(SIZE)
+        alike[STIFF_F, STIFF_R] = alike[STIFF_R, STIFF_F] = _ALIKE
+        self.first = jnp.asarray(alike * np.outer(std, std))
+        self.give = jnp.asarray(np.array([_GIVE[0] * softer, _REAR_GIVE * soft[1]]))
+        self.stiffness = jnp.asarray(1 / soft) / (1 - self.give * (1 / soft))
         self.road = GradePrior(leaf(bank), leaf(BANK_LENGTH))
         self.white = jnp.maximum(leaf(sensors.accel.noise_density), _ACCEL)
         geometry = vehicle.geometry
@@ -136,9 +151,9 @@ class Sideways(eqx.Module):
         distance = jnp.abs(touch.speed) * dt
         keep = jnp.where(_LASTS, jnp.exp(-dt / _LASTING), 1.0)
         held = jnp.where(is_slow & _IS_V_Y, 0.0, keep)
-        forgotten = (1 - keep**2) * self.std**2
         white = jnp.where(is_slow, _AT_REST**2, self.white**2 * dt)
-        noise = jnp.eye(SIZE) * jnp.where(_IS_V_Y, white, forgotten)
+        noise = (1 - keep[:, None] * keep) * jnp.where(_BOTH_LAST, self.first, 0.0)
+        noise = noise + jnp.where(np.diag(_IS_V_Y), white, 0.0)
         root_Q = self.road.sqrt_Q(distance)
         noise = noise + jnp.pad(root_Q @ root_Q.T, (BANK, SIZE - BANK - 2))
         shrink = held[:, None] * held
