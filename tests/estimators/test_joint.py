@@ -15,7 +15,7 @@ from roadstate.estimators.contact_forces import ForceMeter
 from roadstate.estimators.friction_bank import VIEWS, BankState, FrictionBank
 from roadstate.estimators.friction_curve import bounded, elastic, grip
 from roadstate.estimators.intake import SMOOTHING, SPIN, Signals
-from roadstate.estimators.sideways import BIAS_R, SIZE, STIFF_F, STIFF_R, V_Y, Touch
+from roadstate.estimators.sideways import BIAS_R, GIVE_F, SIZE, STIFF_F, STIFF_R, V_Y, Touch
 from roadstate.estimators.tire_contact import ContactState, TireContact
 from roadstate.papers.base import MISMATCHED
 from roadstate.papers.plants import told
@@ -122,7 +122,7 @@ class TestBank:
         motion = FrictionBank(vehicle).motion
         touch = self.touch(0.0, 0.0)._replace(speed=jnp.zeros(()), yaw_rate=jnp.asarray(0.02))
         x = jnp.zeros((SIZE, 2)).at[BIAS_R, 1].set(0.02)
-        P = jnp.broadcast_to(jnp.diag(motion.std**2)[:, :, None], (SIZE, SIZE, 2))
+        P = jnp.broadcast_to(motion.first[:, :, None], (SIZE, SIZE, 2))
         moved, _ = motion.moved(x, P, touch, jnp.asarray(0.01))
         to_rear = vehicle.geometry.cg_to_rear_axle
         np.testing.assert_allclose(moved[V_Y], [0.02 * to_rear, 0.0], atol=1e-6)
@@ -189,6 +189,15 @@ class TestBank:
         # sliding so far a tire of the file's shape bears .78 of its friction
         assert middle == pytest.approx(0.13 / 0.78, rel=0.1)
         assert 0.13 < low < high < 0.25
+
+    def test_a_load_told_wrong_is_no_friction(self, vehicle: Vehicle) -> None:
+        """Forces that are said to be 5 % more than they are, for however long, leave .8 within the bounds."""
+        bank = FrictionBank(vehicle)
+        slips = np.array([0.02, 0.05, 0.08, 0.11])
+        braked = [0.8 * 1.05 * np.sin(1.45 * np.arctan(20 * s / 0.8 / 1.45)) for s in slips]
+        phases = [(1.0, self.touch(-f, -s)) for f, s in zip(braked, slips, strict=True)] * 3
+        low, _, high = np.asarray(bank.quantiles(self.driven(bank, *phases), (0.05, 0.5, 0.95)))[:, 0]
+        assert low < 0.8 < high < 1.0
 
     def test_no_tire_bears_more_than_the_friction(self, vehicle: Vehicle) -> None:
         """After ice comes asphalt, of which only forces tell: the speed is known too badly for any slip."""
@@ -284,6 +293,51 @@ def test_noise_does_not_wear_the_stiffness_away(vehicle: Vehicle) -> None:
     state, _ = jax.lax.scan(body, bank.init(), jnp.asarray(noise))
     mean, _ = bank.merged(state)
     assert np.abs(np.asarray(mean)[[STIFF_F, STIFF_R]]).max() < 0.05
+
+
+@pytest.mark.parametrize("friction", [0.6, 0.9])
+def test_a_steering_that_gives_is_no_grip(vehicle: Vehicle, friction: float) -> None:
+    """A bend ever sharper, on a car whose steering gives half as much as its file would have it."""
+    bank = FrictionBank(vehicle)
+    motion, dt, speed = bank.motion, 0.02, 15.0
+    gives = np.asarray(motion.give) * np.array([0.5, 1.0])
+    used = np.linspace(0.05, 0.93 * friction, 1500)
+    slips = (
+        friction * 1.45 * np.tan(np.arcsin(used / friction) / 1.45)[:, None] / np.asarray(motion.stiffness)
+    )
+    yaw_rate = GRAVITY * used / speed
+    turned = slips + gives * used[:, None]
+    sideways = -float(motion.arm[1]) * yaw_rate - speed * turned[:, 1]
+    angle = turned + sideways[:, None] / speed
+    gained = np.gradient(sideways, dt)
+
+    def body(state: BankState, row: tuple[jax.Array, ...]) -> tuple[BankState, None]:
+        angles, grip, rate, gain = row
+        touch = Touch(
+            speed=jnp.asarray(speed),
+            accel_y=gain + speed * rate,
+            yaw_rate=rate,
+            yaw_accel=jnp.zeros(()),
+            lateral=gain,
+            angle=angles,
+            across=grip * jnp.ones(2),
+            along=jnp.zeros(4),
+            slip=jnp.zeros(4),
+            slip_std=jnp.full(4, 0.002),
+            slip_shared=jnp.asarray(0.002),
+            across_std=jnp.zeros(2),
+            along_std=jnp.zeros(4),
+            transfer=jnp.zeros(2),
+            lag=jnp.asarray(0.0),
+        )
+        return bank.step(state, touch, jnp.asarray(dt))[0], None
+
+    rows = tuple(jnp.asarray(a) for a in (angle, used, yaw_rate, gained))
+    state, _ = jax.lax.scan(body, bank.init(), rows)
+    low, _, high = np.asarray(bank.quantiles(state, (0.05, 0.5, 0.95)))[:, 0]
+    assert low < 1.05 * friction < high
+    mean, std = bank.merged(state)
+    assert abs(float(mean[GIVE_F]) + 0.5 * float(motion.give[0])) < 2 * float(std[GIVE_F])
 
 
 def test_wheels_under_drive_slip_as_much_as_they_do(vehicle: Vehicle) -> None:

@@ -88,8 +88,7 @@ class BankState(NamedTuple):
         x: (n, J) what each friction makes of :data:`STATES`; stiffnesses as logarithms of their factors,
             shape as difference from the file's, lever in m.
         P: (n, n, J) its covariance.
-        y: (4, m, J) of the wheels: logarithm of the slip stiffness' factor, the longitudinal shape's
-            difference, and what a wheel seems to slip when it rolls.
+        y: (4, m, J) of the wheels, see :meth:`~roadstate.estimators.friction_wheels.Wheels.init`.
         Y: (4, m, m, J) its covariance.
         level: (14,) F_y/F_z of the axles, F_x/F_z of the wheels, what it were if it stayed linear, and what
             the wheels slip beyond their force, slowed.

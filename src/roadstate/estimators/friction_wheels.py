@@ -18,7 +18,8 @@ from roadstate.estimators.sideways import SLOWEST, Touch
 if TYPE_CHECKING:
     from roadstate.vehicles import Vehicle
 
-_SIZE = 3  # states of a wheel
+_SIZE = 4  # states of a wheel
+_GAIN = 0.04  # 1σ of what the shares of brakes and load are told wrong by, for good
 _SHARE = 0.05  # 1σ of a wheel's share of the force, as a share of it, where nothing but that tells
 _SLIP_OFFSET = 0.003  # 1σ of a slip, of radii that differ
 _SLIP_ASIDE = 0.4  # 1σ of a slip, as a share of the slip angle: where a wheel heads is known that well
@@ -39,7 +40,7 @@ class Aside(NamedTuple):
 
 
 class Wheels(eqx.Module):
-    """For each wheel and each friction what that hides in: slip stiffness, shape, what rolling seems to slip.
+    """For each wheel and each friction what that hides in: stiffness, shape, rolling radius and load.
 
     A wheel learns of its own tire and rolling radius only. Did wheels of one side share what they learn, the
     one that comes onto ice first would teach the one behind it, by the hypotheses that are being refuted, a
@@ -57,15 +58,16 @@ class Wheels(eqx.Module):
     def __init__(self, vehicle: Vehicle) -> None:
         tires, prior = vehicle.tires, vehicle.prior
         self.slip_stiffness, self.shape = leaf(tires.slip_stiffness), leaf(tires.shape)
-        self._std = jnp.asarray(np.array([prior.stiffness_relative, prior.tire_shape_std, _SLIP_OFFSET]))
+        self._std = jnp.asarray(
+            np.array([prior.stiffness_relative, prior.tire_shape_std, _SLIP_OFFSET, _GAIN])
+        )
 
     def init(self, count: int) -> tuple[Float[Array, "4 m J"], Float[Array, "4 m m J"]]:
-        """Mean and covariance of the logarithm of the slip stiffness' factor, of the longitudinal shape's
-        difference from the file's, and of what a wheel seems to slip when it rolls, for J hypotheses."""
-        ones = jnp.ones(count)
-        return jnp.zeros((4, _SIZE, count)), jnp.diag(self._std**2)[:, :, None] * ones * jnp.ones(
-            (4, 1, 1, 1)
-        )
+        """Mean and covariance for J hypotheses of each wheel's states: the logarithm of the slip stiffness'
+        factor, the longitudinal shape's difference from the file's, what the wheel seems to slip when it
+        rolls, and by what share its force over load is told too high."""
+        P = jnp.diag(self._std**2)[:, :, None]
+        return jnp.zeros((4, _SIZE, count)), jnp.broadcast_to(P, (4, _SIZE, _SIZE, count))
 
     def linear(self, y: Float[Array, "4 m J"], touch: Touch) -> Float[Array, "4 J"]:
         """F_x/F_z of each wheel if it stayed linear."""
@@ -98,7 +100,9 @@ class Wheels(eqx.Module):
         """
         aside = Aside(*(jnp.repeat(part, 2, axis=0) for part in aside))
         here, by_slip, by_error, bent = self._curves(y, touch, friction, aside.force)
-        row = jnp.stack([here.along_by_slip, here.along_by_shape, -by_slip], axis=1)
+        gain = 1 + y[:, 3]
+        slopes = gain * here.along_by_slip, gain * here.along_by_shape, -gain * by_slip, here.along
+        row = jnp.stack(slopes, axis=1)
         measured = touch.along[:, None]
         turned = _SLIP_ASIDE * aside.angle
         slips = jnp.sqrt(touch.slip_std[:, None] ** 2 + touch.slip_shared**2 + turned**2)
@@ -111,7 +115,7 @@ class Wheels(eqx.Module):
         known: Bool[Array, "4 1"] = jnp.isfinite(floor) & (jnp.abs(touch.speed) > 0.5 * SLOWEST)
         noise = jnp.where(known, jnp.where(sure, noise, floor + (_SHARE * measured) ** 2), 1e12)
         row = jnp.where(sure[:, None], row, 0.0)
-        innovation = jnp.where(known, jnp.where(sure, measured - here.along, beyond), 0.0)
+        innovation = jnp.where(known, jnp.where(sure, measured - gain * here.along, beyond), 0.0)
         shared = (by_error * touch.slip_shared) ** 2 / noise
         lasts = 2 * (_SLIP_TIME[0] + (_SLIP_TIME[1] - _SLIP_TIME[0]) * jnp.where(sure, shared, 0.0))
         counts = jnp.maximum((lasts + 1 / anew[:, None]) / step, 1.0)
