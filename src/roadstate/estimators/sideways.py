@@ -113,7 +113,7 @@ class Sideways(eqx.Module):
         alike[STIFF_F, STIFF_R] = alike[STIFF_R, STIFF_F] = _ALIKE
         self.first = jnp.asarray(alike * np.outer(std, std))
         self.give = jnp.asarray(np.array([_GIVE[0] * softer, _REAR_GIVE * soft[1]]))
-        self.stiffness = jnp.asarray(1 / soft) / (1 - self.give * (1 / soft))
+        self.stiffness = 1 / (jnp.asarray(soft) - self.give)
         self.road = GradePrior(leaf(bank), leaf(BANK_LENGTH))
         self.white = jnp.maximum(leaf(sensors.accel.noise_density), _ACCEL)
         geometry = vehicle.geometry
