@@ -87,6 +87,19 @@ class AlongIntake(eqx.Module):
         usual = (calm | (forces.intensity < _CALM)) & (jnp.abs(u.speed) > _MOVING)
         return self.learner.learn(unrest, info.innovation[rows], stated, usual, dt)
 
+    def white(self, unrest: Unrest, forces: AxleForces) -> Float[Array, " 2"]:
+        """White error of the accelerometer and of the force that torques tell, m/s²/√Hz.
+
+        Whatever parts the two, none of them has more than that.
+
+        Args:
+            unrest: what has been learned of it.
+            forces: of the instant.
+        """
+        stated = jnp.stack([self.accel_noise, forces.intensity])
+        found = self.learner.scale(unrest)[self.learned.index(self.sensors.index("traction"))]
+        return jnp.minimum(stated, found * jnp.linalg.norm(stated))
+
     def read(
         self,
         state: JointState,
@@ -162,9 +175,8 @@ class AlongIntake(eqx.Module):
             parts.append(jnp.where(told, more, jnp.nan)[None])
             both = jnp.hypot(forces.intensity, self.accel_noise)
             stds.append((both / root(step))[None])
-            # whatever parts accelerometer and torques, the accelerometer's noise is no more than that
-            found = self.learner.scale(state.unrest)[self.learned.index(self.sensors.index("traction"))]
-            u = u._replace(intensity=jnp.where(felt, jnp.minimum(u.intensity, found * both), u.intensity))
+            least = self.white(state.unrest, forces)[0]
+            u = u._replace(intensity=jnp.where(felt, jnp.minimum(u.intensity, least), u.intensity))
         if "attitude" in self.sensors:
             parts.append(jnp.where(jnp.isfinite(sample["pitch_rate"]), 0.0, jnp.nan)[None])
             stds.append(lean_std(dt)[None])

@@ -52,6 +52,7 @@ class AxleForces(NamedTuple):
         across: (2,) F_y of the axles in their wheels' frames, N.
         load: (4,) N.
         steady: (4,) F_x of wheels that turned as the car moves: free of the noise of their speeds, N.
+        told: (4,) F_x of the wheels as torques alone tell them, N.
         along_std, across_std: (4,), (2,) 1σ over load, beyond what every such measurement errs; infinite
             where nothing tells.
         accel: (2,) specific force at the accelerometer along and across, low-passed, m/s².
@@ -67,6 +68,7 @@ class AxleForces(NamedTuple):
     across: Float[Array, " 2"]
     load: Float[Array, " 4"]
     steady: Float[Array, " 4"]
+    told: Float[Array, " 4"]
     along_std: Float[Array, " 4"]
     across_std: Float[Array, " 2"]
     accel: Float[Array, " 2"]
@@ -137,7 +139,7 @@ class ForceMeter(eqx.Module):
         no = jnp.zeros((), bool)
         load = self.car.wheel_loads(zero, zero)
         return AxleForces(
-            four, two, load, four, four + jnp.inf, two + jnp.inf, two, zero, zero, zero, zero, zero,
+            four, two, load, four, four, four + jnp.inf, two + jnp.inf, two, zero, zero, zero, zero, zero,
             zero + 1.0, zero + 1e6, no, no,
         )  # fmt: skip
 
@@ -212,6 +214,7 @@ class ForceMeter(eqx.Module):
             across=across,
             load=load,
             steady=steady,
+            told=told,
             along_std=split / jnp.maximum(load, 0.1 * jnp.mean(load)) + unsure,
             across_std=jnp.hypot(moment, _PLACE_ERROR * rotation / GRAVITY) + missing,
             accel=accel,

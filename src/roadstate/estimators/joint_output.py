@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 _LEAD_ERROR = 0.7  # 1σ of what is added to undo the low pass, as a share of it
 _LEAD_NOISE = 0.015  # of the load: what torques' noise adds to it along the wheels
+_LEAST_FORCE = 10.0  # N by which an axle without torque shares in what torques err
 _PARKED = 0.08  # of the load: with what brakes hold the axles of a car that stands against each other
 _LATE = 0.01  # s: age of inertial signals, and what the body's roll adds to it
 
@@ -65,7 +66,7 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
     lateral = forces.across + ahead - (side[BIAS_Y] + side[LEVER] * forces.yaw_accel) / GRAVITY * axles
     sooner = (1 + _LATE / SMOOTHING) * by_axle(forces.along - state.contact.along * forces.load)
     sooner = sooner**3 / (sooner**2 + (_LEAD_NOISE * axles) ** 2)
-    straight = by_axle(forces.along) + sooner
+    straight = _along(joint, state, scale) + sooner
     used, used_std = _used(forces, straight, lateral, jnp.stack([sooner, ahead]), side_std[BIAS_Y])
     ages = state.signals.age
     silent = jnp.minimum(ages[ACCEL_X], 10.0) + jnp.minimum(ages[ACCEL_Y], 3.0)
@@ -96,6 +97,30 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
         tell(name, middle[i], spread[i])
         values[f"{name}_lower"], values[f"{name}_upper"] = low[i], high[i]
     return Estimate(values, stds, state.validity, faults)
+
+
+def _along(joint: Joint, state: JointState, scale: Array) -> Array:
+    """(2,) F_x of the axles by torques and accelerometer, each as it is sure, over ``scale``, N.
+
+    Torques tell small forces better, and large ones worse, for gains err in proportion; an accelerometer that
+    is not mounted straight takes a part of a bend for thrust.
+    """
+    forces, mean, std = state.latest, state.along.gaussian.mean, state.along.gaussian.std
+    measured, names = by_axle(forces.along), joint.along.states
+    if "mass" not in names:
+        return measured
+    figures = jnp.asarray([names.index(s) for s in ("drive_gain", "brake_gain", "rolling_resistance")])
+    parts = jnp.stack([forces.drive, -forces.brake, -forces.rolling])
+    noise = joint.inputs.white(state.unrest, forces) / (2 * SMOOTHING) ** 0.5
+    aside = std[names.index("mounting_yaw")] * forces.accel[1] if "mounting_yaw" in names else 0.0
+    by_accel = noise[0] ** 2 + std[BIAS] ** 2 + aside**2
+    by_torque = noise[1] ** 2 + jnp.sum((std[figures] * parts) ** 2)
+    told = by_axle(forces.told)
+    size = jnp.abs(told) + _LEAST_FORCE
+    more = joint.forces.car.mass * jnp.sum(mean[figures] * parts)
+    told = (told + more * size / jnp.sum(size)) / scale
+    balanced: Array = told + by_torque / (by_torque + by_accel) * (measured - told)
+    return balanced
 
 
 def _used(

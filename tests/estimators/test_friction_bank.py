@@ -1,0 +1,257 @@
+"""The bank of friction hypotheses against closed forms."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from roadstate.core.constants import GRAVITY
+from roadstate.estimators.friction_bank import VIEWS, BankState, FrictionBank
+from roadstate.estimators.friction_curve import bounded, elastic, grip
+from roadstate.estimators.sideways import BIAS_R, GIVE_F, SIZE, STIFF_F, STIFF_R, V_Y, Touch
+from roadstate.vehicles import Vehicle
+
+
+class TestCurve:
+    def test_small_slips_are_linear_and_large_ones_reach_the_friction(self) -> None:
+        small = grip(jnp.asarray(0.0), jnp.asarray(1e-3), jnp.asarray(0.8), jnp.asarray(1.45))
+        assert float(small.across) == pytest.approx(1e-3, rel=1e-3)
+        slips = jnp.linspace(0.0, 8.0, 4001)
+        force = grip(jnp.zeros_like(slips), slips, jnp.asarray(0.8), jnp.asarray(1.45)).across
+        assert float(jnp.max(force)) == pytest.approx(0.8, rel=1e-5)
+
+    @pytest.mark.parametrize("share", [-0.9, -0.3, 0.0, 0.5, 0.94])
+    def test_a_force_tells_the_slip_of_the_rising_branch(self, share: float) -> None:
+        friction, shape = jnp.asarray(0.7), jnp.asarray(1.5)
+        slip = elastic(share * friction, friction, shape)
+        force = bounded(slip, jnp.zeros(()), friction, shape).along
+        assert float(force) == pytest.approx(share * 0.7, abs=1e-6)
+
+    def test_no_shape_factor_leaves_those_there_are(self) -> None:
+        """However far a linear update goes, a tire that slides keeps a good part of its friction."""
+        sliding = bounded(jnp.asarray(500.0), jnp.zeros(()), jnp.asarray(1.0), jnp.linspace(-3.0, 6.0, 50))
+        assert float(jnp.min(sliding.along)) > 0.3
+        assert float(jnp.max(sliding.along)) <= 1.0
+        by_shape = jax.grad(lambda c: bounded(jnp.asarray(3.0), jnp.asarray(1.0), 0.8, c).along)
+        here = bounded(jnp.asarray(3.0), jnp.asarray(1.0), jnp.asarray(0.8), jnp.asarray(1.6))
+        assert float(here.along_by_shape) == pytest.approx(float(by_shape(1.6)), rel=1e-4)
+
+    def test_combined_slip_shares_one_curve(self) -> None:
+        pure = grip(jnp.asarray(1.0), jnp.asarray(0.0), jnp.asarray(0.6), jnp.asarray(1.3))
+        both = grip(jnp.asarray(0.6), jnp.asarray(0.8), jnp.asarray(0.6), jnp.asarray(1.3))
+        assert float(jnp.hypot(both.along, both.across)) == pytest.approx(float(pure.along), rel=1e-6)
+        assert float(both.across / both.along) == pytest.approx(0.8 / 0.6)
+
+    def test_slopes_are_those_of_the_force(self) -> None:
+        friction, shape = jnp.asarray(0.7), jnp.asarray(1.5)
+        a, b = jnp.asarray(0.5), jnp.asarray(0.9)
+        here = grip(a, b, friction, shape)
+        by_b = jax.grad(lambda v: grip(a, v, friction, shape).across)(b)
+        by_a = jax.grad(lambda v: grip(v, b, friction, shape).along)(a)
+        by_shape = jax.grad(lambda v: grip(a, b, friction, v).across)(shape)
+        assert float(here.across_by_angle) == pytest.approx(float(by_b), rel=1e-4)
+        assert float(here.along_by_ratio) == pytest.approx(float(by_a), rel=1e-4)
+        assert float(here.across_by_shape) == pytest.approx(float(by_shape), rel=1e-4)
+
+
+class TestBank:
+    def touch(self, along: float | list[float], slip: float | list[float]) -> Touch:
+        four = jnp.ones(4)
+        return Touch(
+            speed=jnp.asarray(15.0),
+            accel_y=jnp.zeros(()),
+            yaw_rate=jnp.zeros(()),
+            yaw_accel=jnp.zeros(()),
+            lateral=jnp.zeros(()),
+            angle=jnp.zeros(2),
+            across=jnp.zeros(2),
+            along=jnp.asarray(along) * four,
+            slip=jnp.asarray(slip) * four,
+            slip_std=jnp.full(4, 0.002),
+            slip_shared=jnp.asarray(0.002),
+            across_std=jnp.zeros(2),
+            along_std=jnp.zeros(4),
+            transfer=jnp.zeros(2),
+            lag=jnp.asarray(0.05),
+        )
+
+    def test_a_gyroscope_that_errs_moves_no_car_that_stands(self, vehicle: Vehicle) -> None:
+        """At a walking pace the rear axle follows where it points, and a known bias turns it nowhere."""
+        motion = FrictionBank(vehicle).motion
+        touch = self.touch(0.0, 0.0)._replace(speed=jnp.zeros(()), yaw_rate=jnp.asarray(0.02))
+        x = jnp.zeros((SIZE, 2)).at[BIAS_R, 1].set(0.02)
+        P = jnp.broadcast_to(motion.first[:, :, None], (SIZE, SIZE, 2))
+        moved, _ = motion.moved(x, P, touch, jnp.asarray(0.01))
+        to_rear = vehicle.geometry.cg_to_rear_axle
+        np.testing.assert_allclose(moved[V_Y], [0.02 * to_rear, 0.0], atol=1e-6)
+
+    def driven(self, bank: FrictionBank, *touches: tuple[float, Touch]) -> BankState:
+        """The state after so many seconds of each."""
+        step = jax.jit(lambda s, t: bank.step(s, t, jnp.asarray(0.01))[0])
+        state = bank.init()
+        for seconds, touch in touches:
+            for _ in range(round(100 * seconds)):
+                state = step(state, touch)
+        return state
+
+    def after(self, bank: FrictionBank, seconds: float, along: float, slip: float) -> np.ndarray:
+        state = self.driven(bank, (seconds, self.touch(along, slip)))
+        return np.asarray(bank.quantiles(state, (0.05, 0.5, 0.95)))[:, 0]
+
+    def test_sliding_wheels_tell_the_friction_at_once(self, vehicle: Vehicle) -> None:
+        # far beyond the peak: 0.28 is what a friction of 0.33 leaves there, and no slip error matters
+        low, middle, high = self.after(FrictionBank(vehicle), 0.3, along=0.28, slip=0.25)
+        assert low < 0.33 < high
+        assert middle < 0.5
+
+    def test_gentle_driving_tells_a_lower_bound_only(self, vehicle: Vehicle) -> None:
+        low, _, high = self.after(FrictionBank(vehicle), 3.0, along=0.1, slip=0.1 / 22)
+        assert low < 0.4
+        assert high > 1.0
+
+    def test_wheels_that_slide_on_one_side_tell_of_that_side(self, vehicle: Vehicle) -> None:
+        """Locked left wheels at 0.13, right ones that brake with 0.27 and hardly slip."""
+        bank = FrictionBank(vehicle)
+        rolling = self.touch(0.0, 0.0)
+        braking = self.touch([-0.13, -0.27, -0.13, -0.27], [-0.9, -0.27 / 22, -0.9, -0.27 / 22])
+        state = self.driven(bank, (1.0, rolling), (1.0, braking))
+        low, _, high = np.asarray(bank.quantiles(state, (0.05, 0.5, 0.95)))
+        at = {view: i for i, view in enumerate(VIEWS)}
+        assert low[at["_left"]] < 0.2 < high[at["_left"]] < 0.35
+        assert high[at["_right"]] > 0.8
+        # an axle, and the car, is the mean of its sides
+        for quantiles in (low, high):
+            mean = 0.5 * (quantiles[at["_left"]] + quantiles[at["_right"]])
+            assert quantiles[at[""]] == pytest.approx(mean)
+            assert quantiles[at["_front"]] == pytest.approx(mean, rel=0.35)
+
+    def test_a_wheel_that_is_worn_is_known_by_its_rolling(self, vehicle: Vehicle) -> None:
+        """Rolling freely it seems to slip 4 ‰: that is its radius, not friction."""
+        bank = FrictionBank(vehicle)
+        state = self.driven(bank, (30.0, self.touch(0.0, [0.004, 0.0, 0.0, 0.0])))
+        offsets = np.asarray(state.y)[[0, 2], 2] @ np.exp(np.asarray(state.log_weight[5]))
+        assert 0.0025 < offsets[0] < 0.0042
+        assert offsets[1] == pytest.approx(0.0, abs=0.0015)
+
+    def test_a_wheel_on_ice_teaches_the_one_behind_it_nothing_of_its_tire(self, vehicle: Vehicle) -> None:
+        """For .2 s the front wheels slide on ice and the rear ones brake on asphalt, then all are on ice."""
+        bank = FrictionBank(vehicle)
+        dry = self.touch(-0.7, -0.05)
+        joint = self.touch([-0.13, -0.13, -0.7, -0.7], [-0.7, -0.7, -0.05, -0.05])
+        both = self.driven(bank, (1.0, dry), (0.2, joint))
+        near = int(np.argmin(np.abs(np.asarray(bank.friction) - 0.8)))
+        shapes = np.asarray(both.y)[:, 1, near]
+        assert np.abs(shapes[2:]).max() < 0.1 < np.abs(shapes[:2]).min()
+        after = self.driven(bank, (1.0, dry), (0.2, joint), (0.5, self.touch(-0.13, -0.5)))
+        low, middle, high = np.asarray(bank.quantiles(after, (0.05, 0.5, 0.95)))[:, 0]
+        # sliding so far a tire of the file's shape bears .78 of its friction
+        assert middle == pytest.approx(0.13 / 0.78, rel=0.1)
+        assert 0.13 < low < high < 0.25
+
+    def test_a_load_told_wrong_is_no_friction(self, vehicle: Vehicle) -> None:
+        """Forces that are said to be 5 % more than they are, for however long, leave .8 within the bounds."""
+        bank = FrictionBank(vehicle)
+        slips = np.array([0.02, 0.05, 0.08, 0.11])
+        braked = [0.8 * 1.05 * np.sin(1.45 * np.arctan(20 * s / 0.8 / 1.45)) for s in slips]
+        phases = [(1.0, self.touch(-f, -s)) for f, s in zip(braked, slips, strict=True)] * 3
+        low, _, high = np.asarray(bank.quantiles(self.driven(bank, *phases), (0.05, 0.5, 0.95)))[:, 0]
+        assert low < 0.8 < high < 1.0
+
+    def test_no_tire_bears_more_than_the_friction(self, vehicle: Vehicle) -> None:
+        """After ice comes asphalt, of which only forces tell: the speed is known too badly for any slip."""
+        bank = FrictionBank(vehicle)
+        icy, dry = self.touch(-0.14, -0.25), self.touch(-0.6, -0.05)
+        unsure = dry._replace(slip_shared=jnp.asarray(0.2))
+        before, after = (
+            np.asarray(bank.quantiles(self.driven(bank, (1.0, icy), (seconds, unsure)), (0.05, 0.5, 0.95)))
+            for seconds in (0.0, 1.0)
+        )
+        assert (before[2] < 0.4).all()
+        assert (after[0] > 0.5).all()
+
+    def test_weights_stay_a_distribution(self, vehicle: Vehicle) -> None:
+        bank = FrictionBank(vehicle)
+        state, _ = bank.step(bank.init(), self.touch(0.5, 0.03), jnp.asarray(0.01))
+        total = np.exp(np.asarray(state.log_weight)).sum(axis=1)
+        np.testing.assert_allclose(total, 1, rtol=1e-6)
+
+
+def test_noise_does_not_wear_the_stiffness_away(vehicle: Vehicle) -> None:
+    # a steady bend on a level road, with white noise on acceleration and yaw rate
+    bank, rng = FrictionBank(vehicle), np.random.default_rng(1)
+    speed, used = 15.0, 0.15
+    angles = [used / vehicle.tires.cornering_stiffness_front, used / vehicle.tires.cornering_stiffness_rear]
+    held = GRAVITY * used
+    four = jnp.ones(4)
+
+    def body(state: BankState, noise: jax.Array) -> tuple[BankState, None]:
+        touch = Touch(
+            speed=jnp.asarray(speed),
+            accel_y=held + noise[0],
+            yaw_rate=held / speed + noise[1],
+            yaw_accel=jnp.zeros(()),
+            lateral=0.3 * noise[0] - 0.3 * speed * noise[1],
+            angle=jnp.asarray(angles),
+            across=used + 0.3 * noise[:1] / GRAVITY * jnp.ones(2),
+            along=0.0 * four,
+            slip=0.0 * four,
+            slip_std=jnp.full(4, 0.002),
+            slip_shared=jnp.asarray(0.002),
+            across_std=jnp.zeros(2),
+            along_std=jnp.zeros(4),
+            transfer=jnp.zeros(2),
+            lag=jnp.asarray(0.1),
+        )
+        return bank.step(state, touch, jnp.asarray(0.01))[0], None
+
+    noise = rng.normal(size=(3000, 2)) * np.array([0.08, 0.002])
+    state, _ = jax.lax.scan(body, bank.init(), jnp.asarray(noise))
+    mean, _ = bank.merged(state)
+    assert np.abs(np.asarray(mean)[[STIFF_F, STIFF_R]]).max() < 0.05
+
+
+@pytest.mark.parametrize("friction", [0.6, 0.9])
+def test_a_steering_that_gives_is_no_grip(vehicle: Vehicle, friction: float) -> None:
+    """A bend ever sharper, on a car whose steering gives half as much as its file would have it."""
+    bank = FrictionBank(vehicle)
+    motion, dt, speed = bank.motion, 0.02, 15.0
+    gives = np.asarray(motion.give) * np.array([0.5, 1.0])
+    used = np.linspace(0.05, 0.93 * friction, 1500)
+    slips = (
+        friction * 1.45 * np.tan(np.arcsin(used / friction) / 1.45)[:, None] / np.asarray(motion.stiffness)
+    )
+    yaw_rate = GRAVITY * used / speed
+    turned = slips + gives * used[:, None]
+    sideways = -float(motion.arm[1]) * yaw_rate - speed * turned[:, 1]
+    angle = turned + sideways[:, None] / speed
+    gained = np.gradient(sideways, dt)
+
+    def body(state: BankState, row: tuple[jax.Array, ...]) -> tuple[BankState, None]:
+        angles, grip, rate, gain = row
+        touch = Touch(
+            speed=jnp.asarray(speed),
+            accel_y=gain + speed * rate,
+            yaw_rate=rate,
+            yaw_accel=jnp.zeros(()),
+            lateral=gain,
+            angle=angles,
+            across=grip * jnp.ones(2),
+            along=jnp.zeros(4),
+            slip=jnp.zeros(4),
+            slip_std=jnp.full(4, 0.002),
+            slip_shared=jnp.asarray(0.002),
+            across_std=jnp.zeros(2),
+            along_std=jnp.zeros(4),
+            transfer=jnp.zeros(2),
+            lag=jnp.asarray(0.0),
+        )
+        return bank.step(state, touch, jnp.asarray(dt))[0], None
+
+    rows = tuple(jnp.asarray(a) for a in (angle, used, yaw_rate, gained))
+    state, _ = jax.lax.scan(body, bank.init(), rows)
+    low, _, high = np.asarray(bank.quantiles(state, (0.05, 0.5, 0.95)))[:, 0]
+    assert low < 1.05 * friction < high
+    mean, std = bank.merged(state)
+    assert abs(float(mean[GIVE_F]) + 0.5 * float(motion.give[0])) < 2 * float(std[GIVE_F])
