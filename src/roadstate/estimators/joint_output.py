@@ -12,7 +12,7 @@ from roadstate.estimators.along import BIAS, SLOPE, SPEED
 from roadstate.estimators.base import Estimate
 from roadstate.estimators.contact_forces import AxleForces, by_axle
 from roadstate.estimators.friction_bank import VIEWS
-from roadstate.estimators.intake import ACCEL_X, ACCEL_Y, SMOOTHING
+from roadstate.estimators.intake import ACCEL_X, ACCEL_Y, SMOOTHING, STALE
 from roadstate.estimators.sideways import BANK, BIAS_Y, LEVER, SLOWEST, V_Y
 from roadstate.estimators.signals import STANDSTILL_SPEED
 from roadstate.linalg import root
@@ -119,8 +119,9 @@ def _along(joint: Joint, state: JointState, scale: Array) -> Array:
     size = jnp.abs(told) + _LEAST_FORCE
     more = joint.forces.car.mass * jnp.sum(mean[figures] * parts)
     told = (told + more * size / jnp.sum(size)) / scale
-    balanced: Array = told + by_torque / (by_torque + by_accel) * (measured - told)
-    return balanced
+    # a torque that is silent or lies has no say
+    share = jnp.where(forces.age < STALE, by_torque / (by_torque + by_accel), 1.0)
+    return told + share * (measured - told)
 
 
 def _used(
