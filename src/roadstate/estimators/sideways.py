@@ -106,7 +106,8 @@ class Sideways(eqx.Module):
         stiff, shape = prior.stiffness_relative, prior.tire_shape_std
         soft = 1 / np.array([vehicle.tires.cornering_stiffness_front, vehicle.tires.cornering_stiffness_rear])
         softer = max(soft[0] - soft[1], 0.0)
-        give = max(_GIVE[1] * softer, _LEAST_GIVE * soft[0])
+        # no more than the file says it may err in the axle's softness as a whole
+        give = min(max(_GIVE[1] * softer, _LEAST_GIVE * soft[0]), stiff * soft[0])
         gyro = sensors.yaw_rate.bias
         std = np.array([1.0, bank, rate, bias, stiff, stiff, shape, give, steer, _LEVER, gyro])
         alike = np.eye(SIZE)
