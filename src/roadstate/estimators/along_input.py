@@ -175,8 +175,7 @@ class AlongIntake(eqx.Module):
             parts.append(jnp.where(told, more, jnp.nan)[None])
             both = jnp.hypot(forces.intensity, self.accel_noise)
             stds.append((both / root(step))[None])
-            least = self.white(state.unrest, forces)[0]
-            u = u._replace(intensity=jnp.where(felt, jnp.minimum(u.intensity, least), u.intensity))
+            u = u._replace(intensity=jnp.where(felt, self.white(state.unrest, forces)[0], u.intensity))
         if "attitude" in self.sensors:
             parts.append(jnp.where(jnp.isfinite(sample["pitch_rate"]), 0.0, jnp.nan)[None])
             stds.append(lean_std(dt)[None])

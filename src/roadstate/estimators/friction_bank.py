@@ -215,7 +215,7 @@ class FrictionBank(eqx.Module):
         across = [self._cornering(x, touch, axle) * angles[axle] for axle in range(2)]
         aside = Aside(jnp.stack(angles), jnp.stack(across))
         y, Y, likelihoods = self.wheels.learn(
-            mixed.y, mixed.Y, touch, self.friction, _ERROR, aside, jump, anew[2:], step
+            mixed.y, mixed.Y, along, touch, self.friction, _ERROR, aside, jump, anew[2:], step
         )
         evidence = jnp.concatenate([jnp.stack(across_evidence), likelihoods])
         raised = mixed.log_weight + jnp.asarray(_WEIGHTS, x.dtype) @ evidence

@@ -78,6 +78,7 @@ class Wheels(eqx.Module):
         self,
         y: Float[Array, "4 m J"],
         Y: Float[Array, "4 m m J"],
+        linear: Float[Array, "4 J"],
         touch: Touch,
         friction: Float[Array, " J"],
         error: tuple[float, float],
@@ -90,6 +91,7 @@ class Wheels(eqx.Module):
 
         Args:
             y, Y: before.
+            linear: :meth:`linear` of it.
             touch: of the tires on the road.
             friction: hypotheses.
             error: 1σ of a force over load, and share of it.
@@ -99,7 +101,7 @@ class Wheels(eqx.Module):
             step: s since the last sample.
         """
         aside = Aside(*(jnp.repeat(part, 2, axis=0) for part in aside))
-        here, by_slip, by_error, bent = self._curves(y, touch, friction, aside.force)
+        here, by_slip, by_error, bent = self._curves(y, linear, touch, friction, aside.force)
         gain = 1 + y[:, 3]
         slopes = gain * here.along_by_slip, gain * here.along_by_shape, -gain * by_slip, here.along
         row = jnp.stack(slopes, axis=1)
@@ -126,11 +128,10 @@ class Wheels(eqx.Module):
         return y, Y, jnp.where(known, likelihood, 0.0)
 
     def _curves(
-        self, y: Array, touch: Touch, friction: Array, across: Array
+        self, y: Array, linear: Array, touch: Touch, friction: Array, across: Array
     ) -> tuple[Grip, Array, Array, Array]:
         """Each tire, ∂(F_x/F_z)/∂ slip, how much a slip's error can do, and what the force over load were if
         it stayed linear up to the slip that goes with it; (4, J)."""
-        linear = self.linear(y, touch)
         stiff = self.slip_stiffness * jnp.exp(y[:, 0])
         shape = self.shape + y[:, 1]
         here = bounded(linear, across, friction, shape)

@@ -55,7 +55,7 @@ class Touch(NamedTuple):
         angle: (2,) rad: slip angles of the axles but for v_y and the steering's bias, low-passed.
         across, along: (2,) and (4,) F_y/F_z of the axles and F_x/F_z of the wheels, low-passed.
         slip: (4,) practical slip of the wheels.
-        slip_std: (4,) 1σ of it that comes and goes within :data:`_SLIP_TIME`.
+        slip_std: (4,) 1σ of it that comes and goes within tenths of a second.
         slip_shared: 1σ of what speed's error adds to all, and lasts.
         across_std, along_std: 1σ of the forces over load beyond the model's own; infinite where unknown.
         transfer: (2,) squared share of its load that a wheel of the axle gains or loses to the other.
