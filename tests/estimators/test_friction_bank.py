@@ -14,6 +14,16 @@ from roadstate.estimators.sideways import BIAS_R, GIVE_F, SIZE, STIFF_F, STIFF_R
 from roadstate.vehicles import Vehicle
 
 
+def touch(along: float | list[float] = 0.0, slip: float | list[float] = 0.0) -> Touch:
+    """Straight ahead at 15 m/s."""
+    zero, two, four = jnp.zeros(()), jnp.zeros(2), jnp.ones(4)
+    return Touch(
+        speed=zero + 15.0, accel_y=zero, yaw_rate=zero, yaw_accel=zero, lateral=zero, angle=two, across=two,
+        along=jnp.asarray(along) * four, slip=jnp.asarray(slip) * four, slip_std=0.002 * four,
+        slip_shared=zero + 0.002, across_std=two, along_std=0.0 * four, transfer=two, lag=zero + 0.05,
+    )  # fmt: skip
+
+
 class TestCurve:
     def test_small_slips_are_linear_and_large_ones_reach_the_friction(self) -> None:
         small = grip(jnp.asarray(0.0), jnp.asarray(1e-3), jnp.asarray(0.8), jnp.asarray(1.45))
@@ -57,33 +67,13 @@ class TestCurve:
 
 
 class TestBank:
-    def touch(self, along: float | list[float], slip: float | list[float]) -> Touch:
-        four = jnp.ones(4)
-        return Touch(
-            speed=jnp.asarray(15.0),
-            accel_y=jnp.zeros(()),
-            yaw_rate=jnp.zeros(()),
-            yaw_accel=jnp.zeros(()),
-            lateral=jnp.zeros(()),
-            angle=jnp.zeros(2),
-            across=jnp.zeros(2),
-            along=jnp.asarray(along) * four,
-            slip=jnp.asarray(slip) * four,
-            slip_std=jnp.full(4, 0.002),
-            slip_shared=jnp.asarray(0.002),
-            across_std=jnp.zeros(2),
-            along_std=jnp.zeros(4),
-            transfer=jnp.zeros(2),
-            lag=jnp.asarray(0.05),
-        )
-
     def test_a_gyroscope_that_errs_moves_no_car_that_stands(self, vehicle: Vehicle) -> None:
         """At a walking pace the rear axle follows where it points, and a known bias turns it nowhere."""
         motion = FrictionBank(vehicle).motion
-        touch = self.touch(0.0, 0.0)._replace(speed=jnp.zeros(()), yaw_rate=jnp.asarray(0.02))
+        here = touch()._replace(speed=jnp.zeros(()), yaw_rate=jnp.asarray(0.02))
         x = jnp.zeros((SIZE, 2)).at[BIAS_R, 1].set(0.02)
         P = jnp.broadcast_to(motion.first[:, :, None], (SIZE, SIZE, 2))
-        moved, _ = motion.moved(x, P, touch, jnp.asarray(0.01))
+        moved, _ = motion.moved(x, P, here, jnp.asarray(0.01))
         to_rear = vehicle.geometry.cg_to_rear_axle
         np.testing.assert_allclose(moved[V_Y], [0.02 * to_rear, 0.0], atol=1e-6)
 
@@ -91,13 +81,13 @@ class TestBank:
         """The state after so many seconds of each."""
         step = jax.jit(lambda s, t: bank.step(s, t, jnp.asarray(0.01))[0])
         state = bank.init()
-        for seconds, touch in touches:
+        for seconds, here in touches:
             for _ in range(round(100 * seconds)):
-                state = step(state, touch)
+                state = step(state, here)
         return state
 
     def after(self, bank: FrictionBank, seconds: float, along: float, slip: float) -> np.ndarray:
-        state = self.driven(bank, (seconds, self.touch(along, slip)))
+        state = self.driven(bank, (seconds, touch(along, slip)))
         return np.asarray(bank.quantiles(state, (0.05, 0.5, 0.95)))[:, 0]
 
     def test_sliding_wheels_tell_the_friction_at_once(self, vehicle: Vehicle) -> None:
@@ -114,8 +104,8 @@ class TestBank:
     def test_wheels_that_slide_on_one_side_tell_of_that_side(self, vehicle: Vehicle) -> None:
         """Locked left wheels at 0.13, right ones that brake with 0.27 and hardly slip."""
         bank = FrictionBank(vehicle)
-        rolling = self.touch(0.0, 0.0)
-        braking = self.touch([-0.13, -0.27, -0.13, -0.27], [-0.9, -0.27 / 22, -0.9, -0.27 / 22])
+        rolling = touch(0.0, 0.0)
+        braking = touch([-0.13, -0.27, -0.13, -0.27], [-0.9, -0.27 / 22, -0.9, -0.27 / 22])
         state = self.driven(bank, (1.0, rolling), (1.0, braking))
         low, _, high = np.asarray(bank.quantiles(state, (0.05, 0.5, 0.95)))
         at = {view: i for i, view in enumerate(VIEWS)}
@@ -130,7 +120,7 @@ class TestBank:
     def test_a_wheel_that_is_worn_is_known_by_its_rolling(self, vehicle: Vehicle) -> None:
         """Rolling freely it seems to slip 4 ‰: that is its radius, not friction."""
         bank = FrictionBank(vehicle)
-        state = self.driven(bank, (30.0, self.touch(0.0, [0.004, 0.0, 0.0, 0.0])))
+        state = self.driven(bank, (30.0, touch(0.0, [0.004, 0.0, 0.0, 0.0])))
         offsets = np.asarray(state.y)[[0, 2], 2] @ np.exp(np.asarray(state.log_weight[5]))
         assert 0.0025 < offsets[0] < 0.0042
         assert offsets[1] == pytest.approx(0.0, abs=0.0015)
@@ -138,13 +128,13 @@ class TestBank:
     def test_a_wheel_on_ice_teaches_the_one_behind_it_nothing_of_its_tire(self, vehicle: Vehicle) -> None:
         """For .2 s the front wheels slide on ice and the rear ones brake on asphalt, then all are on ice."""
         bank = FrictionBank(vehicle)
-        dry = self.touch(-0.7, -0.05)
-        joint = self.touch([-0.13, -0.13, -0.7, -0.7], [-0.7, -0.7, -0.05, -0.05])
+        dry = touch(-0.7, -0.05)
+        joint = touch([-0.13, -0.13, -0.7, -0.7], [-0.7, -0.7, -0.05, -0.05])
         both = self.driven(bank, (1.0, dry), (0.2, joint))
         near = int(np.argmin(np.abs(np.asarray(bank.friction) - 0.8)))
         shapes = np.asarray(both.y)[:, 1, near]
         assert np.abs(shapes[2:]).max() < 0.1 < np.abs(shapes[:2]).min()
-        after = self.driven(bank, (1.0, dry), (0.2, joint), (0.5, self.touch(-0.13, -0.5)))
+        after = self.driven(bank, (1.0, dry), (0.2, joint), (0.5, touch(-0.13, -0.5)))
         low, middle, high = np.asarray(bank.quantiles(after, (0.05, 0.5, 0.95)))[:, 0]
         # sliding so far a tire of the file's shape bears .78 of its friction
         assert middle == pytest.approx(0.13 / 0.78, rel=0.1)
@@ -155,14 +145,14 @@ class TestBank:
         bank = FrictionBank(vehicle)
         slips = np.array([0.02, 0.05, 0.08, 0.11])
         braked = [0.8 * 1.05 * np.sin(1.45 * np.arctan(20 * s / 0.8 / 1.45)) for s in slips]
-        phases = [(1.0, self.touch(-f, -s)) for f, s in zip(braked, slips, strict=True)] * 3
+        phases = [(1.0, touch(-f, -s)) for f, s in zip(braked, slips, strict=True)] * 3
         low, _, high = np.asarray(bank.quantiles(self.driven(bank, *phases), (0.05, 0.5, 0.95)))[:, 0]
         assert low < 0.8 < high < 1.0
 
     def test_no_tire_bears_more_than_the_friction(self, vehicle: Vehicle) -> None:
         """After ice comes asphalt, of which only forces tell: the speed is known too badly for any slip."""
         bank = FrictionBank(vehicle)
-        icy, dry = self.touch(-0.14, -0.25), self.touch(-0.6, -0.05)
+        icy, dry = touch(-0.14, -0.25), touch(-0.6, -0.05)
         unsure = dry._replace(slip_shared=jnp.asarray(0.2))
         before, after = (
             np.asarray(bank.quantiles(self.driven(bank, (1.0, icy), (seconds, unsure)), (0.05, 0.5, 0.95)))
@@ -173,7 +163,7 @@ class TestBank:
 
     def test_weights_stay_a_distribution(self, vehicle: Vehicle) -> None:
         bank = FrictionBank(vehicle)
-        state, _ = bank.step(bank.init(), self.touch(0.5, 0.03), jnp.asarray(0.01))
+        state, _ = bank.step(bank.init(), touch(0.5, 0.03), jnp.asarray(0.01))
         total = np.exp(np.asarray(state.log_weight)).sum(axis=1)
         np.testing.assert_allclose(total, 1, rtol=1e-6)
 
@@ -184,27 +174,18 @@ def test_noise_does_not_wear_the_stiffness_away(vehicle: Vehicle) -> None:
     speed, used = 15.0, 0.15
     angles = [used / vehicle.tires.cornering_stiffness_front, used / vehicle.tires.cornering_stiffness_rear]
     held = GRAVITY * used
-    four = jnp.ones(4)
 
     def body(state: BankState, noise: jax.Array) -> tuple[BankState, None]:
-        touch = Touch(
+        here = touch()._replace(
             speed=jnp.asarray(speed),
             accel_y=held + noise[0],
             yaw_rate=held / speed + noise[1],
-            yaw_accel=jnp.zeros(()),
             lateral=0.3 * noise[0] - 0.3 * speed * noise[1],
             angle=jnp.asarray(angles),
             across=used + 0.3 * noise[:1] / GRAVITY * jnp.ones(2),
-            along=0.0 * four,
-            slip=0.0 * four,
-            slip_std=jnp.full(4, 0.002),
-            slip_shared=jnp.asarray(0.002),
-            across_std=jnp.zeros(2),
-            along_std=jnp.zeros(4),
-            transfer=jnp.zeros(2),
             lag=jnp.asarray(0.1),
         )
-        return bank.step(state, touch, jnp.asarray(0.01))[0], None
+        return bank.step(state, here, jnp.asarray(0.01))[0], None
 
     noise = rng.normal(size=(3000, 2)) * np.array([0.08, 0.002])
     state, _ = jax.lax.scan(body, bank.init(), jnp.asarray(noise))
@@ -230,24 +211,16 @@ def test_a_steering_that_gives_is_no_grip(vehicle: Vehicle, friction: float) -> 
 
     def body(state: BankState, row: tuple[jax.Array, ...]) -> tuple[BankState, None]:
         angles, grip, rate, gain = row
-        touch = Touch(
+        here = touch()._replace(
             speed=jnp.asarray(speed),
             accel_y=gain + speed * rate,
             yaw_rate=rate,
-            yaw_accel=jnp.zeros(()),
             lateral=gain,
             angle=angles,
             across=grip * jnp.ones(2),
-            along=jnp.zeros(4),
-            slip=jnp.zeros(4),
-            slip_std=jnp.full(4, 0.002),
-            slip_shared=jnp.asarray(0.002),
-            across_std=jnp.zeros(2),
-            along_std=jnp.zeros(4),
-            transfer=jnp.zeros(2),
             lag=jnp.asarray(0.0),
         )
-        return bank.step(state, touch, jnp.asarray(dt))[0], None
+        return bank.step(state, here, jnp.asarray(dt))[0], None
 
     rows = tuple(jnp.asarray(a) for a in (angle, used, yaw_rate, gained))
     state, _ = jax.lax.scan(body, bank.init(), rows)
