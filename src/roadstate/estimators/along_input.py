@@ -87,16 +87,17 @@ class AlongIntake(eqx.Module):
         usual = (calm | (forces.intensity < _CALM)) & (jnp.abs(u.speed) > _MOVING)
         return self.learner.learn(unrest, info.innovation[rows], stated, usual, dt)
 
-    def white(self, unrest: Unrest, forces: AxleForces) -> Float[Array, " 2"]:
-        """White error of the accelerometer and of the force that torques tell, m/s²/√Hz.
+    def white(self, unrest: Unrest, forces: AxleForces) -> Float[Array, " 3"]:
+        """White error of the accelerometer, of what torques tell of the wheels, and of wind, m/s²/√Hz.
 
-        Whatever parts the two, none of them has more than that.
+        Whatever parts accelerometer and torques, none of them has more than that.
 
         Args:
             unrest: what has been learned of it.
             forces: of the instant.
         """
-        stated = jnp.stack([self.accel_noise, forces.intensity])
+        torque = root(forces.intensity**2 - forces.gust**2)
+        stated = jnp.stack([self.accel_noise, torque, forces.gust])
         found = self.learner.scale(unrest)[self.learned.index(self.sensors.index("traction"))]
         return jnp.minimum(stated, found * jnp.linalg.norm(stated))
 

@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float
 
 from roadstate.core.constants import GRAVITY
 from roadstate.core.errors import InputError
-from roadstate.estimators.base import Sample
+from roadstate.estimators.base import Sample, leaf
 from roadstate.estimators.intake import ACCEL_X, ACCEL_Y, SMOOTHING, SPIN, STALE, STEER, YAW_RATE, Signals
 from roadstate.estimators.signals import STANDSTILL_SPEED, Held
 from roadstate.estimators.traction import BrakeWatch, Traction, TractionMeter, TractionState
@@ -33,15 +33,24 @@ _SPLIT_ERROR = 0.3  # 1σ of a brake's share of a force whose distribution nothi
 _INERTIA_ERROR = 0.1  # 1σ of the yaw inertia, as a share of it
 _PLACE_ERROR = 0.05  # m: 1σ of where the IMU is along the car, once that has been learned
 _TRAIL = 0.03  # m: pneumatic trail of a car's tire below the limit
+_NEVER = 1e6  # s
+_SPUN = 3.0  # σ of the noise of a wheel's acceleration from which on it counts
 _LARGEST = 0.7  # of the weight: no wheel's torque makes more
 
 
 class ForceMeterState(NamedTuple):
-    """State of a :class:`ForceMeter`; ``torque`` (8,) are drive and brake torques, low-passed, N·m."""
+    """State of a :class:`ForceMeter`.
+
+    Attributes:
+        traction, brakes: the parts'.
+        torque: (8,) drive and brake torques, low-passed, N·m.
+        age: s since a drive torque came.
+    """
 
     traction: TractionState | None
     brakes: BrakeWatch
     torque: Float[Array, " 8"]
+    age: Float[Array, ""]
 
 
 class AxleForces(NamedTuple):
@@ -60,6 +69,7 @@ class AxleForces(NamedTuple):
         explained: what torques and air resistance make of the first, m/s².
         drive, brake, rolling: m/s², as :class:`~roadstate.estimators.along.AlongInput`.
         intensity: of the error of ``explained``, m/s²/√Hz.
+        gust: what wind has in it, m/s²/√Hz: no error of what torques tell of the wheels.
         age: s since the torque came; huge where there is none.
         is_shifting, is_brake_unknown: as :class:`~roadstate.estimators.traction.Traction`.
     """
@@ -78,6 +88,7 @@ class AxleForces(NamedTuple):
     brake: Float[Array, ""]
     rolling: Float[Array, ""]
     intensity: Float[Array, ""]
+    gust: Float[Array, ""]
     age: Float[Array, ""]
     is_shifting: Bool[Array, ""]
     is_brake_unknown: Bool[Array, ""]
@@ -87,6 +98,11 @@ def steered_cosines(cosine: Float[Array, ""]) -> Float[Array, " 4"]:
     """Cosines of the wheels' angles to the body, of which only the front ones steer."""
     ahead = jnp.ones_like(cosine)
     return jnp.stack([cosine, cosine, ahead, ahead])
+
+
+def damped(value: Float[Array, ...], noise: Float[Array, ...]) -> Float[Array, ...]:
+    """``value`` where it exceeds ``noise`` by far, next to nothing where it is less."""
+    return value**3 / (value**2 + noise**2)
 
 
 def by_axle(wheels: Float[Array, " 4"]) -> Float[Array, " 2"]:
@@ -114,6 +130,7 @@ class ForceMeter(eqx.Module):
     _traction: TractionMeter | None
     _driven: Float[Array, " 4"]
     _half_track: Float[Array, " 4"]
+    _spin_noise: Float[Array, ""]
 
     def __init__(self, vehicle: Vehicle, available: Collection[str]) -> None:
         try:
@@ -127,11 +144,12 @@ class ForceMeter(eqx.Module):
         self._driven = jnp.asarray(np.array(driven) / sum(driven))
         front, rear = vehicle.geometry.track_front / 2, vehicle.geometry.track_rear / 2
         self._half_track = jnp.asarray(np.array([front, -front, rear, -rear]))
+        self._spin_noise = leaf(_SPUN * vehicle.sensors.wheel_speed.noise / SMOOTHING)
 
     def init(self) -> ForceMeterState:
         """Nothing has come yet."""
         traction = None if self._traction is None else self._traction.init()
-        return ForceMeterState(traction, BrakeWatch(jnp.zeros(())), jnp.zeros(8))
+        return ForceMeterState(traction, BrakeWatch(jnp.zeros(())), jnp.zeros(8), jnp.full((), _NEVER))
 
     def nothing(self) -> AxleForces:
         """What is known before the first sample."""
@@ -140,7 +158,7 @@ class ForceMeter(eqx.Module):
         load = self.car.wheel_loads(zero, zero)
         return AxleForces(
             four, two, load, four, four, four + jnp.inf, two + jnp.inf, two, zero, zero, zero, zero, zero,
-            zero + 1.0, zero + 1e6, no, no,
+            zero + 1.0, zero, zero + _NEVER, no, no,
         )  # fmt: skip
 
     def read(
@@ -150,6 +168,7 @@ class ForceMeter(eqx.Module):
         signals: Signals,
         speed: Float[Array, ""],
         accel_error: Float[Array, " 2"],
+        slope: Float[Array, ""],
         dt: Float[Array, ""],
     ) -> tuple[ForceMeterState, AxleForces]:
         """Take a sample ``dt`` after the last.
@@ -160,6 +179,7 @@ class ForceMeter(eqx.Module):
             signals: of the same instant.
             speed: m/s, the estimate so far.
             accel_error: (2,) by how much the accelerometers are thought to read too high, m/s².
+            slope: what gravity takes of the acceleration, as thought so far, m/s².
             dt: s.
         """
         car, smooth = self.car, signals.smooth
@@ -173,7 +193,8 @@ class ForceMeter(eqx.Module):
         pulling = jnp.clip(drive.drive_torque, -most, most)
         braking = jnp.minimum(drive.brake_torque, most) * direction
         fresh = jnp.concatenate([pulling, braking])
-        torque = state.torque - jnp.expm1(-dt / SMOOTHING) * (fresh - state.torque)
+        new = jnp.where(state.age < STALE, -jnp.expm1(-dt / SMOOTHING), 1.0)
+        torque = state.torque + new * (fresh - state.torque)
         held = Held(signals.value[ACCEL_X], signals.age[ACCEL_X])
         push = jnp.sum(pulling) / (radius * mass)
         brakes = state.brakes.take(held, push - drag, dt)
@@ -183,7 +204,12 @@ class ForceMeter(eqx.Module):
         engine = jnp.maximum(drive.inertia - mass - jnp.sum(car.wheel_inertia) / radius**2, 0) * radius**2
         inertia = car.wheel_inertia + engine * self._driven
         coefficient = car.rolling_resistance + car.rolling_resistance_speed * speed**2
-        rim = torque[:4] - torque[4:] - inertia * signals.rate[SPIN]
+        felt = signals.age[ACCEL_X] < STALE
+        moves = (accel[0] - slope - self._half_track * signals.rate[YAW_RATE]) / radius
+        spun = signals.rate[SPIN] - moves
+        # a wheel turns up as the car does, or a good deal more: the rest is noise of its speed
+        spun = jnp.where(felt, damped(spun, self._spin_noise), spun)
+        rim = torque[:4] - torque[4:] - inertia * (moves + spun)
         told = rim / radius - coefficient * load * direction
         angle = jnp.clip(smooth[STEER], -0.9, 0.9)
         cosine, sine = jnp.cos(angle), jnp.sin(angle)
@@ -197,10 +223,9 @@ class ForceMeter(eqx.Module):
         by_load = load / jnp.sum(load)
         blind = unknown | ((~known) & (rest < 0))
         share = jnp.where(blind, by_load, jnp.where(known, share / jnp.sum(share), self._driven))
-        felt = signals.age[ACCEL_X] < STALE
         along = told + jnp.where(felt, share * rest, 0.0) / turn
         # without what the wheels turn up beyond the car; the sum stays what the accelerometer tells
-        spun = inertia * (signals.rate[SPIN] - accel[0] / radius) / radius
+        spun = inertia * spun / radius
         steady = along + jnp.where(known, spun - share * jnp.sum(spun), 0.0)
         across = self._across(along, accel[1], signals.rate[YAW_RATE], cosine, sine)
         axles = by_axle(load)
@@ -209,6 +234,7 @@ class ForceMeter(eqx.Module):
         rotation = jnp.abs(signals.rate[YAW_RATE])
         moment = _INERTIA_ERROR * car.yaw_inertia * rotation / (axles * self._wheelbase)
         missing = jnp.where((signals.age[ACCEL_Y] < STALE) & (signals.age[YAW_RATE] < STALE), 0.0, jnp.inf)
+        gust = 2 * drag / jnp.maximum(jnp.abs(speed), 1.0) * _GUST
         forces = AxleForces(
             along=along,
             across=across,
@@ -223,12 +249,15 @@ class ForceMeter(eqx.Module):
             drive=jnp.sum(torque[:4]) / (radius * mass),
             brake=jnp.sum(torque[4:]) / (radius * mass),
             rolling=GRAVITY * direction,
-            intensity=self._intensity(drive, unknown, jnp.sum(jnp.abs(fresh - torque)), speed, accel, sine),
+            intensity=self._intensity(
+                drive, unknown, jnp.sum(jnp.abs(fresh - torque)), speed, gust, accel, sine
+            ),
+            gust=gust,
             age=drive.age,
             is_shifting=drive.is_shifting,
             is_brake_unknown=unknown,
         )
-        return ForceMeterState(traction, brakes, torque), forces
+        return ForceMeterState(traction, brakes, torque, drive.age), forces
 
     @property
     def _wheelbase(self) -> Array:
@@ -241,7 +270,7 @@ class ForceMeter(eqx.Module):
             return self._traction.read(state, sample, speed, dt)
         zero, four, no = jnp.zeros(()), jnp.zeros(4), jnp.zeros((), bool)
         mass = self.car.mass + jnp.sum(self.car.wheel_inertia) / self.car.wheel_radius[0] ** 2
-        return None, Traction(zero, zero, zero, zero, mass, zero + 1e6, no, no, no, four, four)
+        return None, Traction(zero, zero, zero, zero, mass, zero + _NEVER, no, no, no, four, four)
 
     def _across(
         self, along: Array, accel_y: Array, yaw_accel: Array, cosine: Array, sine: Array
@@ -257,11 +286,17 @@ class ForceMeter(eqx.Module):
         return jnp.stack([(front - (along[0] + along[1]) * sine) / cosine, rear])
 
     def _intensity(
-        self, drive: Traction, unknown: Array, jump: Array, speed: Array, accel: Array, sine: Array
+        self,
+        drive: Traction,
+        unknown: Array,
+        jump: Array,
+        speed: Array,
+        gust: Array,
+        accel: Array,
+        sine: Array,
     ) -> Array:
         """White error of the specific force that torques tell, m/s²/√Hz."""
         mass, radius = self.car.mass, self.car.wheel_radius[0]
-        gust = 2 * self.car.drag(speed) / mass / jnp.maximum(jnp.abs(speed), 1.0) * _GUST
         white = drive.torque_std / mass * _TORQUE_TIME**0.5
         late = jump / (radius * mass) * (_TORQUE_DELAY / SMOOTHING * _TORQUE_TIME**0.5)
         turning = _TURNING * accel[1] * sine

@@ -193,7 +193,7 @@ class Joint(Estimator[JointState]):
             bank=self.bank.init(),
             pitch=self.pitch.init(),
             unrest=self.inputs.start(),
-            speed_age=zero + 1e6,
+            speed_age=zero + _NEVER,
             doubt=zero,
             fault_age=jnp.zeros(len(ROWS) + len(self.sensors)),
             latest=self.forces.nothing(),
@@ -210,7 +210,7 @@ class Joint(Estimator[JointState]):
         seen = once(self.trust.mend(state.trust, verdict, raw, x[SPEED]))
         bias = x[BIAS] + x[SCALE] * state.latest.accel[0]
         error = jnp.stack([bias, jnp.zeros_like(bias)])
-        meter, balance = self.forces.read(state.forces, sample, seen, x[SPEED], error, dt)
+        meter, balance = self.forces.read(state.forces, sample, seen, x[SPEED], error, x[SLOPE], dt)
         forces = balance._replace(age=jnp.where(verdict.lies[TORQUE], _NEVER, balance.age))
         contact, u, z = self.inputs.read(
             state, held, seen, forces, sample, across[V_Y], dt, verdict.sign(ACCEL_X)
@@ -238,7 +238,8 @@ class Joint(Estimator[JointState]):
         unrest = self.inputs.learn(state.unrest, info, u, forces, dt)
         speed, speed_std = along.gaussian.mean[SPEED], along.gaussian.std[SPEED]
         gain = u.accel - along.gaussian.mean[SLOPE] - along.gaussian.mean[BIAS]
-        contact, touch = self.inputs.contact.touch(contact, seen, forces, speed, speed_std, gain, dt)
+        since = jnp.where(state.speed_age < _NEVER, dt, _NEVER)
+        contact, touch = self.inputs.contact.touch(contact, seen, forces, speed, speed_std, gain, since)
         late = self.watch.lateness(watch, WHEEL_SPEEDS) * gain / jnp.maximum(jnp.abs(speed), 1.0)
         touch = touch._replace(slip_shared=jnp.hypot(touch.slip_shared, jnp.max(jnp.abs(late))))
         bank, likelihood = once(self.bank.step(state.bank, touch, dt))

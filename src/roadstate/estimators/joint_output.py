@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool
 from roadstate.core.constants import GRAVITY
 from roadstate.estimators.along import BIAS, SLOPE, SPEED
 from roadstate.estimators.base import Estimate
-from roadstate.estimators.contact_forces import AxleForces, by_axle
+from roadstate.estimators.contact_forces import AxleForces, by_axle, damped
 from roadstate.estimators.friction_bank import VIEWS
 from roadstate.estimators.intake import ACCEL_X, ACCEL_Y, SMOOTHING, STALE
 from roadstate.estimators.sideways import BANK, BIAS_Y, LEVER, SLOWEST, V_Y
@@ -65,7 +65,7 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
     ahead = (1 + _LATE / SMOOTHING) * (forces.across - state.contact.across * axles)
     lateral = forces.across + ahead - (side[BIAS_Y] + side[LEVER] * forces.yaw_accel) / GRAVITY * axles
     sooner = (1 + _LATE / SMOOTHING) * by_axle(forces.along - state.contact.along * forces.load)
-    sooner = sooner**3 / (sooner**2 + (_LEAD_NOISE * axles) ** 2)
+    sooner = damped(sooner, _LEAD_NOISE * axles)
     straight = _along(joint, state, scale) + sooner
     used, used_std = _used(forces, straight, lateral, jnp.stack([sooner, ahead]), side_std[BIAS_Y])
     ages = state.signals.age
@@ -113,7 +113,7 @@ def _along(joint: Joint, state: JointState, scale: Array) -> Array:
     parts = jnp.stack([forces.drive, -forces.brake, -forces.rolling])
     noise = joint.inputs.white(state.unrest, forces) / (2 * SMOOTHING) ** 0.5
     aside = std[names.index("mounting_yaw")] * forces.accel[1] if "mounting_yaw" in names else 0.0
-    by_accel = noise[0] ** 2 + std[BIAS] ** 2 + aside**2
+    by_accel = noise[0] ** 2 + noise[2] ** 2 + std[BIAS] ** 2 + aside**2
     by_torque = noise[1] ** 2 + jnp.sum((std[figures] * parts) ** 2)
     told = by_axle(forces.told)
     size = jnp.abs(told) + _LEAST_FORCE
