@@ -84,24 +84,24 @@ def test_small_forces_are_told_by_torques_and_large_ones_by_the_accelerometer(
     state = estimator.init()
 
     def front(told: float, along: float, brake: float, age: float = 0.0) -> float:
-        both = jnp.asarray([1.0, 1.0, 0.0, 0.0])
+        both, axle = jnp.asarray([1.0, 1.0, 0.0, 0.0]), jnp.asarray([2.0, 0.0])
+        # as after a while: the low pass has followed
         forces = state.latest._replace(
             told=told * both,
             along=along * both,
+            now=state.latest.now._replace(told=told * axle, along=along * axle),
             load=jnp.full(4, 3500.0),
             along_std=jnp.zeros(4),
             brake=jnp.asarray(brake),
             intensity=jnp.asarray(0.02),
             age=jnp.asarray(age),
         )
-        # as after a while: the low pass has followed
-        contact = state.contact._replace(along=forces.along / forces.load)
-        values = estimator.estimate(state._replace(latest=forces, contact=contact)).values
+        values = estimator.estimate(state._replace(latest=forces)).values
         return float(values["force_x_front"])
 
     gentle = front(50.0, 125.0, 0.0)
     assert 90 < gentle < 160
-    assert front(-2000.0, -2200.0, 8.0) < -4250  # brakes' gains err by a tenth and more
+    assert front(-2000.0, -2200.0, 8.0) < -4150  # brakes' gains err by a tenth and more
     assert front(50.0, 125.0, 0.0, age=9.0) == pytest.approx(250, abs=2)  # silent, or caught lying
 
 
@@ -133,6 +133,8 @@ def test_wheels_under_drive_slip_as_much_as_they_do(vehicle: Vehicle) -> None:
         is_fresh=jnp.ones(8, bool),
         smooth=zero.at[SPIN].set(smooth[-1]),
         rate=zero.at[SPIN].set(1.02 * accel / radius),
+        now=zero,
+        now_rate=zero,
         is_faulty=jnp.zeros(8, bool),
     )
     forces = meter.nothing()
@@ -157,6 +159,8 @@ class TestRims:
             is_fresh=jnp.ones(8, bool),
             smooth=zero.at[SPIN].set(jnp.asarray(spin) / radius),
             rate=zero.at[SPIN].set(jnp.asarray(gains) / radius),
+            now=zero,
+            now_rate=zero,
             is_faulty=jnp.zeros(8, bool),
         )
         zero = jnp.zeros(())

@@ -13,7 +13,17 @@ from jaxtyping import Array, Bool, Float
 from roadstate.core.constants import GRAVITY
 from roadstate.core.errors import InputError
 from roadstate.estimators.base import Sample, leaf
-from roadstate.estimators.intake import ACCEL_X, ACCEL_Y, SMOOTHING, SPIN, STALE, STEER, YAW_RATE, Signals
+from roadstate.estimators.intake import (
+    ACCEL_X,
+    ACCEL_Y,
+    INERTIAL,
+    SMOOTHING,
+    SPIN,
+    STALE,
+    STEER,
+    YAW_RATE,
+    Signals,
+)
 from roadstate.estimators.signals import STANDSTILL_SPEED, Held
 from roadstate.estimators.traction import BrakeWatch, Traction, TractionMeter, TractionState
 from roadstate.vehicles import SevenDofForces
@@ -53,6 +63,51 @@ class ForceMeterState(NamedTuple):
     age: Float[Array, ""]
 
 
+class Current(NamedTuple):
+    """Forces as they are at this instant, noisier than low-passed ones.
+
+    Attributes:
+        along: (2,) F_x of the axles, in their wheels' frames, N.
+        told: (2,) the same as torques alone tell it, N.
+        across: (2,) F_y of the axles, N.
+        yaw_accel: rad/s².
+    """
+
+    along: Float[Array, " 2"]
+    told: Float[Array, " 2"]
+    across: Float[Array, " 2"]
+    yaw_accel: Float[Array, ""]
+
+
+class _Scene(NamedTuple):
+    """What a balance of forces needs beside accelerations and torques."""
+
+    load: Float[Array, " 4"]
+    inertia: Float[Array, " 4"]
+    rolling: Float[Array, " 4"]
+    drag: Float[Array, ""]
+    slope: Float[Array, ""]
+    cosine: Float[Array, ""]
+    sine: Float[Array, ""]
+    known: Bool[Array, ""]
+    felt: Bool[Array, ""]
+    unknown: Bool[Array, ""]
+
+
+class _Balance(NamedTuple):
+    """(4,) forces of the wheels, told by torques and with the accelerometer; (2,) of the axles across; what
+    torques leave unexplained, N, and explain, m/s²; (4,) what the wheels turn up beyond the car, N; where
+    nothing but the load says how forces are shared."""
+
+    told: Float[Array, " 4"]
+    along: Float[Array, " 4"]
+    across: Float[Array, " 2"]
+    rest: Float[Array, ""]
+    explained: Float[Array, ""]
+    steady: Float[Array, " 4"]
+    blind: Bool[Array, ""]
+
+
 class AxleForces(NamedTuple):
     """Forces on a car of exactly the file's mass.
 
@@ -62,6 +117,7 @@ class AxleForces(NamedTuple):
         load: (4,) N.
         steady: (4,) F_x of wheels that turned as the car moves: free of the noise of their speeds, N.
         told: (4,) F_x of the wheels as torques alone tell them, N.
+        now: what of it is wanted without the low pass's lag.
         along_std, across_std: (4,), (2,) 1σ over load, beyond what every such measurement errs; infinite
             where nothing tells.
         accel: (2,) specific force at the accelerometer along and across, low-passed, m/s².
@@ -79,6 +135,7 @@ class AxleForces(NamedTuple):
     load: Float[Array, " 4"]
     steady: Float[Array, " 4"]
     told: Float[Array, " 4"]
+    now: Current
     along_std: Float[Array, " 4"]
     across_std: Float[Array, " 2"]
     accel: Float[Array, " 2"]
@@ -157,8 +214,8 @@ class ForceMeter(eqx.Module):
         no = jnp.zeros((), bool)
         load = self.car.wheel_loads(zero, zero)
         return AxleForces(
-            four, two, load, four, four, four + jnp.inf, two + jnp.inf, two, zero, zero, zero, zero, zero,
-            zero + 1.0, zero, zero + _NEVER, no, no,
+            four, two, load, four, four, Current(two, two, two, zero), four + jnp.inf, two + jnp.inf, two,
+            zero, zero, zero, zero, zero, zero + 1.0, zero, zero + _NEVER, no, no,
         )  # fmt: skip
 
     def read(
@@ -184,7 +241,7 @@ class ForceMeter(eqx.Module):
         """
         car, smooth = self.car, signals.smooth
         radius, mass = car.wheel_radius[0], car.mass
-        accel = smooth[ACCEL_X : ACCEL_Y + 1] - accel_error
+        accel = smooth[INERTIAL] - accel_error
         load = car.wheel_loads(accel[0], accel[1])
         drag = car.drag(speed) / mass
         direction = jnp.tanh(speed / STANDSTILL_SPEED)
@@ -202,62 +259,79 @@ class ForceMeter(eqx.Module):
         seems = brakes.suspects(push < _COASTING) & (held.age < STALE) & (not knows_brakes)
         unknown = drive.is_brake_unknown | seems
         engine = jnp.maximum(drive.inertia - mass - jnp.sum(car.wheel_inertia) / radius**2, 0) * radius**2
-        inertia = car.wheel_inertia + engine * self._driven
         coefficient = car.rolling_resistance + car.rolling_resistance_speed * speed**2
-        felt = signals.age[ACCEL_X] < STALE
-        moves = (accel[0] - slope - self._half_track * signals.rate[YAW_RATE]) / radius
-        spun = signals.rate[SPIN] - moves
-        # a wheel turns up as the car does, or a good deal more: the rest is noise of its speed
-        spun = jnp.where(felt, damped(spun, self._spin_noise), spun)
-        rim = torque[:4] - torque[4:] - inertia * (moves + spun)
-        told = rim / radius - coefficient * load * direction
         angle = jnp.clip(smooth[STEER], -0.9, 0.9)
-        cosine, sine = jnp.cos(angle), jnp.sin(angle)
-        turn = steered_cosines(cosine)
-        known = drive.age < STALE
-        told = jnp.where(known, told, 0.0)
-        across = self._across(told, accel[1], signals.rate[YAW_RATE], cosine, sine)
-        explained = (jnp.sum(told * turn) - across[0] * sine) / mass - drag
-        rest = mass * (accel[0] + drag) - jnp.sum(told * turn) + across[0] * sine
-        share = jnp.abs(torque[:4]) + jnp.abs(torque[4:]) + 0.02 * most * self._driven
-        by_load = load / jnp.sum(load)
-        blind = unknown | ((~known) & (rest < 0))
-        share = jnp.where(blind, by_load, jnp.where(known, share / jnp.sum(share), self._driven))
-        along = told + jnp.where(felt, share * rest, 0.0) / turn
-        # without what the wheels turn up beyond the car; the sum stays what the accelerometer tells
-        spun = inertia * spun / radius
-        steady = along + jnp.where(known, spun - share * jnp.sum(spun), 0.0)
-        across = self._across(along, accel[1], signals.rate[YAW_RATE], cosine, sine)
+        scene = _Scene(
+            load=load,
+            inertia=car.wheel_inertia + engine * self._driven,
+            rolling=coefficient * load * direction,
+            drag=drag,
+            slope=slope,
+            cosine=jnp.cos(angle),
+            sine=jnp.sin(angle),
+            known=drive.age < STALE,
+            felt=signals.age[ACCEL_X] < STALE,
+            unknown=unknown,
+        )
+        slow = self._balance(accel, signals.rate, torque, scene)
+        fast = self._balance(signals.now[INERTIAL] - accel_error, signals.now_rate, fresh, scene)
+        now = Current(by_axle(fast.along), by_axle(fast.told), fast.across, signals.now_rate[YAW_RATE])
+        along, rest, blind = slow.along, slow.rest, slow.blind
         axles = by_axle(load)
         split = jnp.where(blind, _SPLIT_ERROR * jnp.abs(along), 0.02 * jnp.abs(rest) * jnp.ones(4))
-        unsure = jnp.where(felt | (known & ~unknown), 0.0, jnp.inf)
+        unsure = jnp.where(scene.felt | (scene.known & ~unknown), 0.0, jnp.inf)
         rotation = jnp.abs(signals.rate[YAW_RATE])
         moment = _INERTIA_ERROR * car.yaw_inertia * rotation / (axles * self._wheelbase)
         missing = jnp.where((signals.age[ACCEL_Y] < STALE) & (signals.age[YAW_RATE] < STALE), 0.0, jnp.inf)
+        jump = jnp.sum(jnp.abs(fresh - torque))
         gust = 2 * drag / jnp.maximum(jnp.abs(speed), 1.0) * _GUST
         forces = AxleForces(
             along=along,
-            across=across,
+            across=slow.across,
             load=load,
-            steady=steady,
-            told=told,
+            steady=slow.steady,
+            told=slow.told,
+            now=now,
             along_std=split / jnp.maximum(load, 0.1 * jnp.mean(load)) + unsure,
             across_std=jnp.hypot(moment, _PLACE_ERROR * rotation / GRAVITY) + missing,
             accel=accel,
             yaw_accel=signals.rate[YAW_RATE],
-            explained=explained,
+            explained=slow.explained,
             drive=jnp.sum(torque[:4]) / (radius * mass),
             brake=jnp.sum(torque[4:]) / (radius * mass),
             rolling=GRAVITY * direction,
-            intensity=self._intensity(
-                drive, unknown, jnp.sum(jnp.abs(fresh - torque)), speed, gust, accel, sine
-            ),
+            intensity=self._intensity(drive, unknown, jump, speed, gust, accel, scene.sine),
             gust=gust,
             age=drive.age,
             is_shifting=drive.is_shifting,
             is_brake_unknown=unknown,
         )
         return ForceMeterState(traction, brakes, torque, drive.age), forces
+
+    def _balance(self, accel: Array, rate: Array, torque: Array, at: _Scene) -> _Balance:
+        """Of accelerations (2,), rates (8,) of all signals and torques (8,), all equally late."""
+        mass, radius = self.car.mass, self.car.wheel_radius[0]
+        moves = (accel[0] - at.slope - self._half_track * rate[YAW_RATE]) / radius
+        spun = rate[SPIN] - moves
+        # a wheel turns up as the car does, or a good deal more: the rest is noise of its speed
+        spun = jnp.where(at.felt, damped(spun, self._spin_noise), spun)
+        told = (torque[:4] - torque[4:] - at.inertia * (moves + spun)) / radius - at.rolling
+        told = jnp.where(at.known, told, 0.0)
+        turn = steered_cosines(at.cosine)
+        across = self._across(told, accel[1], rate[YAW_RATE], at.cosine, at.sine)
+        pull = jnp.sum(told * turn) - across[0] * at.sine
+        rest = mass * (accel[0] + at.drag) - pull
+        most = _LARGEST * mass * GRAVITY * radius
+        share = jnp.abs(torque[:4]) + jnp.abs(torque[4:]) + 0.02 * most * self._driven
+        blind = at.unknown | ((~at.known) & (rest < 0))
+        share = jnp.where(at.known, share / jnp.sum(share), self._driven)
+        share = jnp.where(blind, at.load / jnp.sum(at.load), share)
+        along = told + jnp.where(at.felt, share * rest, 0.0) / turn
+        # without what the wheels turn up beyond the car; the sum stays what the accelerometer tells
+        spun = at.inertia * spun / radius
+        steady = along + jnp.where(at.known, spun - share * jnp.sum(spun), 0.0)
+        across = self._across(along, accel[1], rate[YAW_RATE], at.cosine, at.sine)
+        return _Balance(told, along, across, rest, pull / mass - at.drag, steady, blind)
 
     @property
     def _wheelbase(self) -> Array:

@@ -14,6 +14,7 @@ from roadstate.core.channels import WHEELS
 from roadstate.core.constants import GRAVITY
 from roadstate.core.errors import InputError
 from roadstate.estimators.base import Sample
+from roadstate.estimators.quadratic import Quadratic
 from roadstate.estimators.signals import signed_direction
 
 if TYPE_CHECKING:
@@ -23,8 +24,13 @@ WHEEL_SPEEDS = tuple(f"wheel_speed_{w}" for w in WHEELS)
 ROWS = ("accel_x", "accel_y", "yaw_rate", "steer", *WHEEL_SPEEDS)
 """Order of what :class:`Signals` carries in vectors of eight."""
 ACCEL_X, ACCEL_Y, YAW_RATE, STEER, SPIN = 0, 1, 2, 3, slice(4, 8)
+INERTIAL = slice(ACCEL_X, YAW_RATE)
 SMOOTHING = 0.05
 """s: time constant of the low pass that all signals go through alike, so that they stay comparable."""
+MEMORY = (0.035, 0.05, 0.035, 0.05, 0.04, 0.04, 0.04, 0.04)
+"""s over which each signal is fitted where it is wanted without that lag."""
+# s: age of inertial signals, with the body's roll; wheels' speeds shall be no less late than torques
+_LATE = (0.008, 0.008, 0.008, 0.0, -0.01, -0.01, -0.01, -0.01)
 STALE = 0.3
 """s without a sample after which a signal is no longer held."""
 _LARGEST_JUMP = (8.0, 8.0, 0.6, 0.2, 25.0, 25.0, 25.0, 25.0)  # in _JUMP_TIME; more is a spike
@@ -58,6 +64,7 @@ class SignalState(NamedTuple):
         repeats: (8,) equal samples in a row.
         low, high: (8,) range, since the last change of a signal, of what tells the same.
         smooth: (8,) low-passed values.
+        fit: and what they are now.
         gear: latest gear ratio.
     """
 
@@ -68,6 +75,7 @@ class SignalState(NamedTuple):
     low: Float[Array, " 8"]
     high: Float[Array, " 8"]
     smooth: Float[Array, " 8"]
+    fit: Quadratic
     gear: Float[Array, ""]
 
 
@@ -81,6 +89,7 @@ class Signals(NamedTuple):
         is_fresh: (8,) whether a believed sample came just now.
         smooth: (8,) low-passed.
         rate: (8,) derivative of ``smooth``.
+        now, now_rate: (8,) the same two without the low pass's lag, noisier.
         is_faulty: (8,) a sensor that is stuck, or whose samples are refused.
     """
 
@@ -89,6 +98,8 @@ class Signals(NamedTuple):
     is_fresh: Bool[Array, " 8"]
     smooth: Float[Array, " 8"]
     rate: Float[Array, " 8"]
+    now: Float[Array, " 8"]
+    now_rate: Float[Array, " 8"]
     is_faulty: Bool[Array, " 8"]
 
 
@@ -136,7 +147,9 @@ class Intake(eqx.Module):
     def init(self) -> SignalState:
         """Nothing has come yet."""
         none = jnp.zeros(8)
-        return SignalState(none, none + _NEVER, none, none, none, none, none, jnp.zeros(()))
+        return SignalState(
+            none, none + _NEVER, none, none, none, none, none, Quadratic.start(8), jnp.zeros(())
+        )
 
     def read(
         self, state: SignalState, sample: Sample, speed: Float[Array, ""], dt: Float[Array, ""]
@@ -176,6 +189,8 @@ class Intake(eqx.Module):
         first = state.age >= _NEVER
         lag = jnp.where(first, 1.0, -jnp.expm1(-dt / SMOOTHING))
         smooth = state.smooth + lag * (value - state.smooth)
+        fit = state.fit.take(value, first, jnp.asarray(MEMORY), dt)
+        now, now_rate = fit.ahead(jnp.asarray(_LATE))
         refused = jnp.where(refuse, state.refused + 1, jnp.where(taken, 0.0, state.refused))
         told = Signals(
             value=value,
@@ -183,9 +198,11 @@ class Intake(eqx.Module):
             is_fresh=taken & (~stuck),
             smooth=smooth,
             rate=jnp.where(first, 0.0, (smooth - state.smooth) / jnp.maximum(dt, _LEAST_STEP)),
+            now=now,
+            now_rate=now_rate,
             is_faulty=stuck | (refused > 0),
         )
-        return SignalState(value, age, refused, repeats, low, high, smooth, gear), told
+        return SignalState(value, age, refused, repeats, low, high, smooth, fit, gear), told
 
     def _kin(
         self, state: SignalState, value: Float[Array, " 8"], speed: Float[Array, ""]

@@ -5,14 +5,15 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool
 
 from roadstate.core.constants import GRAVITY
 from roadstate.estimators.along import BIAS, SLOPE, SPEED
 from roadstate.estimators.base import Estimate
-from roadstate.estimators.contact_forces import AxleForces, by_axle, damped
+from roadstate.estimators.contact_forces import AxleForces, by_axle
 from roadstate.estimators.friction_bank import VIEWS
-from roadstate.estimators.intake import ACCEL_X, ACCEL_Y, SMOOTHING, STALE
+from roadstate.estimators.intake import ACCEL_X, ACCEL_Y, MEMORY, SMOOTHING, STALE
 from roadstate.estimators.sideways import BANK, BIAS_Y, LEVER, SLOWEST, V_Y
 from roadstate.estimators.signals import STANDSTILL_SPEED
 from roadstate.linalg import root
@@ -20,11 +21,15 @@ from roadstate.linalg import root
 if TYPE_CHECKING:
     from roadstate.estimators.joint import Joint, JointState
 
-_LEAD_ERROR = 0.7  # 1σ of what is added to undo the low pass, as a share of it
-_LEAD_NOISE = 0.015  # of the load: what torques' noise adds to it along the wheels
+_ROUGH = (0.008, 0.01)  # 1σ of an axle's force along and across, as a share of its load
+_SHARED = 0.03  # 1σ of how forces along are shared by the axles, whose torques err each by itself
+_LEAD_ERROR = (0.7, 0.35)  # 1σ of what is added along and across to undo the low pass, as a share of it
+_FITTED = (
+    2.06 * 2 * SMOOTHING / MEMORY[ACCEL_X]
+)  # white noise's variance after a fit over that after a low pass
+_SWIFT = np.array([0.3, 0.6]) ** 2  # 1σ² of what accelerometer and torques change by beyond a low pass's lag
 _LEAST_FORCE = 10.0  # N by which an axle without torque shares in what torques err
 _PARKED = 0.08  # of the load: with what brakes hold the axles of a car that stands against each other
-_LATE = 0.01  # s: age of inertial signals, and what the body's roll adds to it
 
 
 def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate:
@@ -60,14 +65,13 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
     if "altitude" in joint.along.states:
         tell("altitude", mean[-2], std[-2])
     axles = by_axle(forces.load)
-    # ahead by as much as low pass, sensors and the body's roll lag, and freed of the accelerometer's bias
-    # and place
-    ahead = (1 + _LATE / SMOOTHING) * (forces.across - state.contact.across * axles)
-    lateral = forces.across + ahead - (side[BIAS_Y] + side[LEVER] * forces.yaw_accel) / GRAVITY * axles
-    sooner = (1 + _LATE / SMOOTHING) * by_axle(forces.along - state.contact.along * forces.load)
-    sooner = damped(sooner, _LEAD_NOISE * axles)
-    straight = _along(joint, state, scale) + sooner
-    used, used_std = _used(forces, straight, lateral, jnp.stack([sooner, ahead]), side_std[BIAS_Y])
+    # freed of the accelerometer's bias and place
+    misread = (side[BIAS_Y] + side[LEVER] * forces.now.yaw_accel) / GRAVITY * axles
+    lateral, ahead = forces.now.across - misread, forces.now.across - forces.across
+    straight = _along(joint, state, scale)
+    late = forces.now.along - by_axle(forces.along)
+    leads = jnp.stack([_LEAD_ERROR[0] * late, _LEAD_ERROR[1] * ahead])
+    used, used_std = _used(forces, straight, lateral, leads, side_std[BIAS_Y])
     ages = state.signals.age
     silent = jnp.minimum(ages[ACCEL_X], 10.0) + jnp.minimum(ages[ACCEL_Y], 3.0)
     tell("friction_used", used, jnp.hypot(used_std, 0.1 * silent))
@@ -77,16 +81,17 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
         tell("bank", bank, side_std[BANK] / (GRAVITY * jnp.cos(bank)))
     for i, where in enumerate(("front", "rear")):
         load, along = axles[i], straight[i]
-        rough = jnp.hypot(scale_std * along, 0.02 * load)
-        rough = jnp.hypot(rough, _LEAD_ERROR * sooner[i])
+        rough = jnp.hypot(scale_std * along, _ROUGH[0] * load)
+        rough = jnp.hypot(rough, _SHARED * along)
+        rough = jnp.hypot(rough, _LEAD_ERROR[0] * late[i])
         rough = jnp.hypot(rough, _PARKED * load * jnp.exp(-((mean[SPEED] / STANDSTILL_SPEED) ** 2)))
         unsure = 0.5 * (forces.along_std[2 * i] + forces.along_std[2 * i + 1])
         spread = jnp.where(jnp.isfinite(unsure), unsure, 1.0) * load
         tell(f"force_x_{where}", scale * along, jnp.hypot(rough, spread))
         if joint.knows_sides:
             across = lateral[i]
-            rough = jnp.hypot(scale_std * across, 0.015 * load)
-            rough = jnp.hypot(rough, _LEAD_ERROR * ahead[i])
+            rough = jnp.hypot(scale_std * across, _ROUGH[1] * load)
+            rough = jnp.hypot(rough, _LEAD_ERROR[1] * ahead[i])
             rough = jnp.hypot(rough, side_std[BIAS_Y] / GRAVITY * load)
             spread = jnp.where(jnp.isfinite(forces.across_std[i]), forces.across_std[i], 1.0) * load
             tell(f"force_y_{where}", scale * across, jnp.hypot(rough, spread))
@@ -106,16 +111,18 @@ def _along(joint: Joint, state: JointState, scale: Array) -> Array:
     is not mounted straight takes a part of a bend for thrust.
     """
     forces, mean, std = state.latest, state.along.gaussian.mean, state.along.gaussian.std
-    measured, names = by_axle(forces.along), joint.along.states
+    measured, told, names = forces.now.along, forces.now.told, joint.along.states
     if "mass" not in names:
         return measured
     figures = jnp.asarray([names.index(s) for s in ("drive_gain", "brake_gain", "rolling_resistance")])
     parts = jnp.stack([forces.drive, -forces.brake, -forces.rolling])
     noise = joint.inputs.white(state.unrest, forces) / (2 * SMOOTHING) ** 0.5
     aside = std[names.index("mounting_yaw")] * forces.accel[1] if "mounting_yaw" in names else 0.0
-    by_accel = noise[0] ** 2 + noise[2] ** 2 + std[BIAS] ** 2 + aside**2
-    by_torque = noise[1] ** 2 + jnp.sum((std[figures] * parts) ** 2)
-    told = by_axle(forces.told)
+    # what changes fast is told badly, more so by torques, which come late
+    gained = jnp.stack([jnp.sum(measured - by_axle(forces.along)), jnp.sum(told - by_axle(forces.told))])
+    swift = jnp.asarray(_SWIFT) * (gained / joint.forces.car.mass) ** 2
+    by_accel = _FITTED * noise[0] ** 2 + noise[2] ** 2 + std[BIAS] ** 2 + aside**2 + swift[0]
+    by_torque = noise[1] ** 2 + swift[1] + jnp.sum((std[figures] * parts) ** 2)
     size = jnp.abs(told) + _LEAST_FORCE
     more = joint.forces.car.mass * jnp.sum(mean[figures] * parts)
     told = (told + more * size / jnp.sum(size)) / scale
@@ -125,11 +132,11 @@ def _along(joint: Joint, state: JointState, scale: Array) -> Array:
 
 
 def _used(
-    forces: AxleForces, along: Array, lateral: Array, ahead: Array, bias_std: Array
+    forces: AxleForces, along: Array, lateral: Array, leads: Array, bias_std: Array
 ) -> tuple[Array, Array]:
     """Friction used by the whole car, and 1σ."""
     straight, across = jnp.sum(along), jnp.sum(lateral)
     load = jnp.sum(forces.load)
     used = root(straight**2 + across**2) / load
-    unsure = jnp.hypot(bias_std / GRAVITY, _LEAD_ERROR * jnp.max(jnp.abs(jnp.sum(ahead, axis=1))) / load)
-    return used, jnp.sqrt(0.01**2 + (0.02 * used) ** 2 + unsure**2)
+    unsure = jnp.hypot(bias_std / GRAVITY, jnp.max(jnp.abs(jnp.sum(leads, axis=1))) / load)
+    return used, jnp.sqrt(0.008**2 + (0.02 * used) ** 2 + unsure**2)

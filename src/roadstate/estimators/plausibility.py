@@ -182,6 +182,8 @@ class Plausibility(eqx.Module):
             value=put_right(seen.value, instead),
             smooth=put_right(seen.smooth, instead),
             rate=put_right(seen.rate, jnp.zeros(8)),
+            now=put_right(seen.now, instead),
+            now_rate=put_right(seen.now_rate, jnp.zeros(8)),
             age=jnp.where(lies, jnp.maximum(seen.age, 2 * STALE), seen.age),
             is_fresh=seen.is_fresh & (~lies),
         )

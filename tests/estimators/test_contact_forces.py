@@ -1,0 +1,76 @@
+"""Forces on the axles by torques and accelerometers, without a tire model."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from roadstate.core import WHEELS
+from roadstate.estimators.contact_forces import AxleForces, ForceMeter
+from roadstate.estimators.intake import ACCEL_X, SPIN, Signals
+from roadstate.vehicles import Vehicle, load_vehicle
+
+SPEED, STEP = 20.0, 0.01
+
+
+@pytest.fixture(scope="module")
+def vehicle() -> Vehicle:
+    return load_vehicle("family-car")
+
+
+def balance(
+    vehicle: Vehicle, accel: float, spin_rate: list[float], torque: float, slope: float = 0.0
+) -> AxleForces:
+    """At 20 m/s, straight on, each front wheel driven by a torque; everything as it has long been."""
+    channels = [f"drive_torque_{w}" for w in WHEELS]
+    meter = ForceMeter(vehicle, channels)
+    zero = jnp.zeros(8)
+    value = zero.at[ACCEL_X].set(accel).at[SPIN].set(SPEED / vehicle.wheels.radius)
+    rate = zero.at[SPIN].set(jnp.asarray(spin_rate) / vehicle.wheels.radius)
+    signals = Signals(value, zero, jnp.ones(8, bool), value, rate, value, rate, jnp.zeros(8, bool))
+    sample = {c: jnp.asarray(torque if c[-2] == "f" else 0.0) for c in meter.channels}
+    _, forces = meter.read(
+        meter.init(), sample, signals, jnp.asarray(SPEED), jnp.zeros(2), jnp.asarray(slope), jnp.asarray(STEP)
+    )
+    return forces
+
+
+def rolling(vehicle: Vehicle, accel: float = 0.0) -> float:
+    """F_x of the idle axle's wheels that turn up as a car on a level road does."""
+    return float(balance(vehicle, accel, [accel] * 4, 0.0).now.told[1])
+
+
+def test_the_noise_of_a_wheels_speed_is_no_force(vehicle: Vehicle) -> None:
+    """A wheel's acceleration that is less than its noise makes a hundredth of the force it seems to."""
+    noise = vehicle.sensors.wheel_speed.noise / 0.05 * vehicle.wheels.radius
+    noisy = float(balance(vehicle, 0.0, [0, 0, 0.3 * noise, 0.0], 0.0).now.told[1])
+    seems = vehicle.wheels.inertia * 0.3 * noise / vehicle.wheels.radius**2
+    assert abs(noisy - rolling(vehicle)) < 0.02 * seems
+
+
+def test_a_wheel_that_spins_up_keeps_its_torque(vehicle: Vehicle) -> None:
+    """I ω̇ = T − R F_x: at 300 m/s² of its rim nearly all of what turns it up is no force on the road."""
+    rims = [300.0, 300.0, 0.0, 0.0]
+    told = float(balance(vehicle, 0.0, rims, 1000.0).now.told[0])
+    held = float(balance(vehicle, 0.0, [0.0] * 4, 1000.0).now.told[0])
+    spent = 2 * vehicle.wheels.inertia * 300.0 / vehicle.wheels.radius**2
+    assert held - told == pytest.approx(spent, rel=0.05)
+
+
+def test_wheels_turn_up_with_the_car_and_not_with_the_slope(vehicle: Vehicle) -> None:
+    """An idle wheel is turned up by the road: I a/R²; on a slope none."""
+    pushed = vehicle.wheels.inertia * 2.0 / vehicle.wheels.radius**2
+    # the load moves to the rear as the car gains speed, and rolling resistance with it
+    shift = vehicle.rolling_resistance.coefficient * vehicle.mass * 2.0 * vehicle.geometry.cg_height
+    shift /= vehicle.geometry.cg_to_front_axle + vehicle.geometry.cg_to_rear_axle
+    assert rolling(vehicle, 2.0) - rolling(vehicle) == pytest.approx(-2 * pushed - shift, rel=0.1)
+    level, steep = balance(vehicle, 0.0, [0] * 4, 0.0), balance(vehicle, 1.0, [0] * 4, 0.0, slope=1.0)
+    assert float(steep.now.told[0]) == pytest.approx(float(level.now.told[0]), abs=10)
+
+
+def test_without_lag_and_with_it_forces_that_last_are_the_same(vehicle: Vehicle) -> None:
+    forces = balance(vehicle, 1.0, [1.0] * 4, 300.0)
+    along = np.asarray(forces.along).reshape(2, 2).sum(axis=1)
+    np.testing.assert_allclose(np.asarray(forces.now.along), along, rtol=1e-9)
+    np.testing.assert_allclose(np.asarray(forces.now.across), np.asarray(forces.across), atol=1e-9)
