@@ -27,8 +27,11 @@ ACCEL_X, ACCEL_Y, YAW_RATE, STEER, SPIN = 0, 1, 2, 3, slice(4, 8)
 INERTIAL = slice(ACCEL_X, YAW_RATE)
 SMOOTHING = 0.05
 """s: time constant of the low pass that all signals go through alike, so that they stay comparable."""
-MEMORY = (0.035, 0.05, 0.035, 0.05, 0.04, 0.04, 0.04, 0.04)
-"""s over which each signal is fitted where it is wanted without that lag."""
+# s over which each signal is fitted where it is wanted without that lag, and for which noises of
+# accelerometer and gyroscope; more noise asks for more, by the third root
+_MEMORY = (0.035, 0.07, 0.035, 0.05, 0.04, 0.04, 0.04, 0.04)
+_USUAL = (0.03, 0.005)  # m/s²/√Hz, and rad/s of a sample
+_LEAST_MEMORY = 0.5  # share of that, at the least
 # s: age of inertial signals, with the body's roll; wheels' speeds shall be no less late than torques
 _LATE = (0.008, 0.008, 0.008, 0.0, -0.01, -0.01, -0.01, -0.01)
 STALE = 0.3
@@ -115,11 +118,13 @@ class Intake(eqx.Module):
         channels: canonical channels read.
         named: channel of each row of :data:`ROWS`, ``None`` where there is none.
         has: whether a row is measured at all.
+        memory: (8,) s over which each row is fitted.
     """
 
     channels: tuple[str, ...] = eqx.field(static=True)
     named: tuple[str | None, ...] = eqx.field(static=True)
     has: tuple[bool, ...] = eqx.field(static=True)
+    memory: Float[Array, " 8"]
     _scale: Float[Array, " 8"]
     _geometry: Float[Array, " 2"]
 
@@ -139,7 +144,10 @@ class Intake(eqx.Module):
         used = [name for name in self.named if name is not None]
         self.channels = (*used, *(["gear_ratio"] if "gear_ratio" in available else []))
         ratio = vehicle.steering.ratio if steering == "steering_wheel" and vehicle.steering else 1.0
-        body = vehicle.body
+        sensors, body = vehicle.sensors, vehicle.body
+        noise = np.array([sensors.accel.noise_density, sensors.yaw_rate.noise]) / _USUAL
+        more = np.maximum(np.cbrt(noise), _LEAST_MEMORY)
+        self.memory = jnp.asarray(_MEMORY * np.array([more[0], more[0], more[1], 1, 1, 1, 1, 1]))
         lean = [1 + GRAVITY * body.pitch_gradient, 1 + GRAVITY * body.roll_gradient]
         self._scale = jnp.asarray(1 / np.array([*lean, 1.0, ratio, 1.0, 1.0, 1.0, 1.0]))
         self._geometry = jnp.asarray(np.array([vehicle.wheels.radius, vehicle.geometry.track_rear]))
@@ -189,7 +197,7 @@ class Intake(eqx.Module):
         first = state.age >= _NEVER
         lag = jnp.where(first, 1.0, -jnp.expm1(-dt / SMOOTHING))
         smooth = state.smooth + lag * (value - state.smooth)
-        fit = state.fit.take(value, first, jnp.asarray(MEMORY), dt)
+        fit = state.fit.take(value, first, self.memory, dt)
         now, now_rate = fit.ahead(jnp.asarray(_LATE))
         refused = jnp.where(refuse, state.refused + 1, jnp.where(taken, 0.0, state.refused))
         told = Signals(

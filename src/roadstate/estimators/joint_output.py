@@ -13,7 +13,7 @@ from roadstate.estimators.along import BIAS, SLOPE, SPEED
 from roadstate.estimators.base import Estimate
 from roadstate.estimators.contact_forces import AxleForces, by_axle
 from roadstate.estimators.friction_bank import VIEWS
-from roadstate.estimators.intake import ACCEL_X, ACCEL_Y, MEMORY, SMOOTHING, STALE
+from roadstate.estimators.intake import ACCEL_X, ACCEL_Y, SMOOTHING, STALE
 from roadstate.estimators.sideways import BANK, BIAS_Y, LEVER, SLOWEST, V_Y
 from roadstate.estimators.signals import STANDSTILL_SPEED
 from roadstate.linalg import root
@@ -24,9 +24,7 @@ if TYPE_CHECKING:
 _ROUGH = (0.008, 0.01)  # 1σ of an axle's force along and across, as a share of its load
 _SHARED = 0.03  # 1σ of how forces along are shared by the axles, whose torques err each by itself
 _LEAD_ERROR = (0.7, 0.35)  # 1σ of what is added along and across to undo the low pass, as a share of it
-_FITTED = (
-    2.06 * 2 * SMOOTHING / MEMORY[ACCEL_X]
-)  # white noise's variance after a fit over that after a low pass
+_FITTED = 2.06  # white noise's variance after a fit, times its memory
 _SWIFT = np.array([0.3, 0.6]) ** 2  # 1σ² of what accelerometer and torques change by beyond a low pass's lag
 _LEAST_FORCE = 10.0  # N by which an axle without torque shares in what torques err
 _PARKED = 0.08  # of the load: with what brakes hold the axles of a car that stands against each other
@@ -121,7 +119,8 @@ def _along(joint: Joint, state: JointState, scale: Array) -> Array:
     # what changes fast is told badly, more so by torques, which come late
     gained = jnp.stack([jnp.sum(measured - by_axle(forces.along)), jnp.sum(told - by_axle(forces.told))])
     swift = jnp.asarray(_SWIFT) * (gained / joint.forces.car.mass) ** 2
-    by_accel = _FITTED * noise[0] ** 2 + noise[2] ** 2 + std[BIAS] ** 2 + aside**2 + swift[0]
+    fitted = _FITTED * 2 * SMOOTHING / joint.signals.memory[ACCEL_X]
+    by_accel = fitted * noise[0] ** 2 + noise[2] ** 2 + std[BIAS] ** 2 + aside**2 + swift[0]
     by_torque = noise[1] ** 2 + swift[1] + jnp.sum((std[figures] * parts) ** 2)
     size = jnp.abs(told) + _LEAST_FORCE
     more = joint.forces.car.mass * jnp.sum(mean[figures] * parts)
