@@ -166,8 +166,8 @@ class Prior(Section):
     """Distance over which the grade of the road stays alike (its correlation falls to one half)"""
     bank_std: _Grade = 0.03
     """1σ of the bank of the roads driven"""
-    mass_relative: _Share = 0.05
-    """1σ of the mass, as a share of it (load and passengers)"""
+    mass_relative: _Share = 0.08
+    """1σ of the mass, as a share of it (one to five people and their luggage)"""
     drag_relative: _Share = 0.1
     """1σ of drag coefficient × area × air density, as a share of it (wind not included)"""
     rolling_resistance_std: _RollingCoefficient = 0.002
