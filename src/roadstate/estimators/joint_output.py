@@ -118,7 +118,7 @@ def _along(joint: Joint, state: JointState, scale: Array) -> Array:
     aside = std[names.index("mounting_yaw")] * forces.accel[1] if "mounting_yaw" in names else 0.0
     # what changes fast is told badly, more so by torques, which come late
     gained = jnp.stack([jnp.sum(measured - by_axle(forces.along)), jnp.sum(told - by_axle(forces.told))])
-    swift = jnp.asarray(_SWIFT) * (gained / joint.forces.car.mass) ** 2
+    swift = jnp.asarray(_SWIFT, gained.dtype) * (gained / joint.forces.car.mass) ** 2
     fitted = _FITTED * 2 * SMOOTHING / joint.signals.memory[ACCEL_X]
     by_accel = fitted * noise[0] ** 2 + noise[2] ** 2 + std[BIAS] ** 2 + aside**2 + swift[0]
     by_torque = noise[1] ** 2 + swift[1] + jnp.sum((std[figures] * parts) ** 2)
