@@ -120,9 +120,43 @@ def test_evidence_needs_more_than_noise_and_a_force_that_stays() -> None:
     assert float(one[1, 0]) == 0  # a split road is no matter of the other side
 
 
+def changes(jump: Array, friction: Array, force: float = FORCE, changed: float = 0.0) -> Array:
+    """:func:`changed` of one sample for the front axle, all frictions alike beforehand."""
+    here = touch(np.full(4, 0.012), np.full(4, force))
+    moved = slip_jump.Jump(jnp.concatenate([jnp.asarray(jump), jnp.zeros(2)]), jnp.full(4, changed))
+    prior = jnp.full(len(friction), -np.log(len(friction)))
+    found = slip_jump.changed(
+        moved, here, jnp.asarray(STIFFNESS), jnp.asarray(friction), prior, jnp.asarray(DT)
+    )
+    return np.asarray(found[:2])
+
+
+def test_a_road_changes_to_what_lets_a_wheel_slip_so_much() -> None:
+    """Within the 20 samples that a jump's error lasts surely; and to a road as slippery as that."""
+    friction = np.geomspace(0.1, 1.3, 30)
+    found = changes(np.array([0.009, 0.009]), friction)
+    assert (1 - (1 - found.sum(axis=1)) ** 20 > 0.99).all()
+    assert (np.diff(found, axis=1) <= 1e-12).all()
+    assert (found[:, friction > 0.5].sum(axis=1) < 0.01 * found.sum(axis=1)).all()
+    assert (
+        np.ptp(found[:, friction < 0.24], axis=1).max() < 1e-9
+    )  # near its friction a tire slips by anything
+
+
+def test_a_road_does_not_change_by_noise_nor_by_what_forces_explain() -> None:
+    friction = np.geomspace(0.1, 1.3, 30)
+    assert (changes(np.array([0.001, 0.0012]), friction) == 0).all()
+    assert (changes(np.array([-0.02, -0.02]), friction) == 0).all()
+    assert changes(np.array([0.006, 0.006]), friction, changed=0.3).sum() < 0.01
+    one = changes(np.array([0.004, 0.0]), friction).sum(axis=1)
+    assert 0 < one[0] < changes(np.array([0.004, 0.004]), friction)[0].sum()
+    assert one[1] == 0
+
+
 @pytest.fixture(scope="module")
 def middle() -> Callable[[Array, Array], Array]:
-    """Slips and forces (k, 4) → the middle values of the front and the rear wheels' friction at the end."""
+    """Slips and forces (k, 4) → lower bounds and middle values of the front and the rear wheels' friction at
+    the end."""
     bank = FrictionBank(load_vehicle("suv"))
 
     @jax.jit
@@ -131,7 +165,7 @@ def middle() -> Callable[[Array, Array], Array]:
             return bank.step(state, touch(*each), jnp.asarray(DT))[0], None
 
         state, _ = jax.lax.scan(one, bank.init(), (slips, forces))
-        return bank.quantiles(state, (0.5,))[0, 1:3]
+        return bank.quantiles(state, (0.05, 0.5))[:, 1:3]
 
     return run
 
@@ -152,12 +186,30 @@ def test_all_wheels_driven_onto_ice(middle: Callable[[Array, Array], Array], wha
         slips[300:] += 0.009
     else:
         slips[:, :2] *= 1.15
-    found = np.asarray(middle(jnp.asarray(slips), jnp.asarray(forces)))
+    found = np.asarray(middle(jnp.asarray(slips), jnp.asarray(forces)))[1]
     assert found[0] < 0.3 if what == "ice" else found[0] > 0.7
     assert found[1] > 0.6  # where the rear wheels are nothing has changed yet
     if what == "ice":  # 21 m farther traction control holds a smaller force, which tells nothing new
         later = np.full((150, 4), 0.6 * FORCE)
         rolls = later / vehicle.tires.slip_stiffness
         slips, forces = np.concatenate([slips, rolls]), np.concatenate([forces, later])
-        found = np.asarray(middle(jnp.asarray(slips), jnp.asarray(forces)))
+        found = np.asarray(middle(jnp.asarray(slips), jnp.asarray(forces)))[1]
         assert (found < 0.4).all()
+
+
+def test_what_was_likely_of_the_old_road_says_nothing_of_the_new(
+    middle: Callable[[Array, Array], Array],
+) -> None:
+    """Driven with 0.32 of the load, a car knows that its road bears more. Then its front wheels come onto 0.2;
+    that the new road may bear as little must not be ruled out by what the old one bore."""
+    vehicle = load_vehicle("suv")
+    now = np.arange(320)
+    forces = np.select([now < 200, now < 300], [0.32, 0.21], 0.19)[:, None] * np.ones(4)
+    dry, ice = (np.asarray(elastic(forces, mu, vehicle.tires.shape)) for mu in (0.8, 0.2))
+    slips = np.where((now[:, None] >= 300) & (np.arange(4) < 2), ice, dry)
+    slips = slips / vehicle.tires.slip_stiffness
+    slips = slips + 0.0005 * np.random.default_rng(3).standard_normal(slips.shape)
+    lower, found = np.asarray(middle(jnp.asarray(slips), jnp.asarray(forces)))
+    assert lower[0] < 0.15
+    assert 0.17 < found[0] < 0.23
+    assert found[1] > 0.6

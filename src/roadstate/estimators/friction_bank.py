@@ -161,8 +161,6 @@ class FrictionBank(eqx.Module):
         self, state: BankState, touch: Touch, dt: Float[Array, ""]
     ) -> tuple[BankState, Float[Array, ""]]:
         """Advance by ``dt`` and weigh what the tires tell; also the log-likelihood of it."""
-        mixed = self._mixed(state, jnp.abs(touch.speed) * dt)
-        x, P = self.motion.moved(mixed.x, mixed.P, touch, dt)
         # models err by where on the curve a tire works, so a sample counts anew as that changes
         linear = self.wheels.slip_stiffness * theoretical_slip(touch.slip)
         slips = slip_jump.unexplained(touch, self.wheels.slip_stiffness, state.level[10:])
@@ -175,6 +173,10 @@ class FrictionBank(eqx.Module):
         anew = change / (_ANEW[0] * slip_jump.MEMORY) + 1 / _ANEW[1]
         whole = jnp.minimum((change / _ANEW[0]) ** 2, 1.0)
         step = jnp.maximum(dt, _LEAST_STEP)
+        stiffness = self.wheels.slip_stiffness
+        changed = slip_jump.changed(jump, touch, stiffness, self.friction, self.prior, step)
+        mixed = self._mixed(state, jnp.abs(touch.speed) * dt, changed)
+        x, P = self.motion.moved(mixed.x, mixed.P, touch, dt)
         takes = jnp.maximum((2 * _ERROR_TIME + 1 / anew[:2]) / step, 1.0)
         speed = jnp.maximum(jnp.abs(touch.speed), SLOWEST)
         across_evidence = []
@@ -246,8 +248,9 @@ class FrictionBank(eqx.Module):
         wheels = bounded(along, across, self.friction, self.wheels.shape + x[SHAPE])
         return Grip(*(jnp.mean(part, axis=0) for part in wheels))
 
-    def _mixed(self, state: BankState, distance: Array) -> BankState:
-        """The road's friction drifts or changes over a distance; a hypothesis that is born anew inherits."""
+    def _mixed(self, state: BankState, distance: Array, changed: Array) -> BankState:
+        """The road's friction drifts or changes over a distance, or has ``changed`` (4, J) under wheels by
+        what they slip; a hypothesis that is born anew inherits."""
         p = jnp.exp(state.log_weight)
         spacing = np.log(_LARGEST / _LEAST) / (_COUNT - 1)
         share = jnp.minimum(0.5 * _DRIFT * distance / spacing**2, 0.25)
@@ -256,8 +259,10 @@ class FrictionBank(eqx.Module):
         side = p[_SIDES]
         p = p - jnp.expm1(-_JOINS * distance) * (jnp.concatenate([p[:1], side, side, side]) - p)
         born = -jnp.expm1(-_JUMP * distance)
-        fresh = born * jnp.exp(self.prior)
-        whole = (1 - born) * p + fresh
+        sides = jnp.maximum(changed[:2], changed[2:])
+        parts = jnp.concatenate([jnp.max(sides, axis=0, keepdims=True), changed, sides])
+        fresh = born * jnp.exp(self.prior) + parts
+        whole = (1 - jnp.sum(fresh, axis=1, keepdims=True)) * p + fresh
         new = fresh / jnp.maximum(whole, 1e-30)
         x, P = inherit(state.x, state.P, p[0], new[0])
         y, Y = jax.vmap(inherit)(state.y, state.Y, p[_WHEELS], new[_WHEELS])

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from roadstate.estimators.friction_curve import theoretical_slip
+from roadstate.estimators.friction_curve import elastic, theoretical_slip
 from roadstate.estimators.mixture import tempered
 from roadstate.estimators.sideways import SLOWEST, Touch
 
@@ -30,6 +30,9 @@ _OFFSET = 0.004  # slip that a wheel may seem to have when it rolls
 _MOST = 0.4  # part of an independent time that one sample counts at most: forces lag a little behind slips
 _USED = 0.8  # share of the friction from which on a force hardly tells the slip
 _LARGEST = 0.04  # slip from which on a tire's force may fall
+_STEEP = 1.5  # of a slip over its force: a tire that is used by half
+_SELDOM = 0.02  # how often the road changes within the time that a jump lasts
+_SURE = 12.0  # of the logarithm of a likelihood ratio, at the most
 _CURVE = 1.35  # shape of a tire, to tell how steep its slip rises with its force
 
 
@@ -75,6 +78,53 @@ def jumps(now: Float[Array, " 4"], memory: Float[Array, " 4"], touch: Touch) -> 
     return gained - jnp.maximum(jnp.minimum(jnp.max(low), jnp.min(high)), -_SHIFT)
 
 
+def changed(
+    jump: Jump,
+    touch: Touch,
+    stiffness: Float[Array, ""],
+    friction: Float[Array, " J"],
+    prior: Float[Array, " J"],
+    step: Float[Array, ""],
+) -> Float[Array, "4 J"]:
+    """Probability that under each wheel the road changed in this step, to each friction, by the jump alone.
+
+    While the road stays, and the force, a wheel gains nothing but errors, whatever the friction: what slips
+    more than they explain has come onto another road, of which what was known before says nothing. Did the
+    jump only refute what explains it worst, a friction that had been likely for long would win over those
+    that the road may as well have changed to.
+
+    Args:
+        jump: of the wheels.
+        touch: of the tires on the road.
+        stiffness: C_κ/F_z.
+        friction: hypotheses.
+        prior: log probability of each, for a road that has just begun.
+        step: s since the last sample.
+    """
+    force = jnp.abs(touch.along[:, None])
+    more = (elastic(force, friction, jnp.asarray(_CURVE)) - force) / stiffness
+    # near its friction a tire may slip by any amount
+    more = jnp.where(force + 4 * touch.along_std[:, None] < _USED * friction, more, jnp.inf)
+    more = jnp.concatenate([jnp.zeros_like(force), more], axis=1)  # first: where nothing has changed
+    of_force = (_FORCE[0] * jump.force[:, None]) ** 2 + (_FORCE[1] * force) ** 2
+    std = jnp.sqrt(_noise(touch) + _STEEP**2 * of_force / stiffness**2)
+    away = (jump.slip[:, None] - more) / std
+    both = 2**0.5 * jnp.repeat(jnp.minimum(away[0::2], away[1::2]), 2, axis=0)
+    fits = -0.5 * jnp.maximum(jnp.maximum(away, both) - _COUNTS, 0.0) ** 2
+    fits = jnp.maximum(fits, -_SURE)
+    births = jnp.exp(prior + fits[:, 1:])
+    every = jnp.sum(births, axis=1, keepdims=True)
+    share = _SELDOM * every / (_SELDOM * every + jnp.exp(fits[:, :1]))
+    told = jnp.isfinite(touch.along_std) & (jnp.abs(touch.slip) < _LARGEST)
+    share = jnp.where(told[:, None] & (fits[:, :1] < 0), share, 0.0)
+    return -jnp.expm1(jnp.log1p(-share) * jnp.minimum(step / _LASTS, 1.0)) * births / every
+
+
+def _noise(touch: Touch) -> Float[Array, ""]:
+    """Variance of a slip's jump where neither force nor friction changes."""
+    return _NOISE[0] ** 2 + (_NOISE[1] / jnp.maximum(jnp.abs(touch.speed), SLOWEST)) ** 2
+
+
 def evidence(
     jump: Jump,
     touch: Touch,
@@ -108,8 +158,7 @@ def evidence(
     share = jnp.minimum(force / friction, _USED)
     steep = (1 + (bent / (friction * _CURVE)) ** 2) / jnp.sqrt(1 - share**2)  # of the slip over the force
     of_force = (_FORCE[0] * jump.force[:, None]) ** 2 + (_FORCE[1] * force) ** 2 + (force_std * steep) ** 2
-    of_speed = _NOISE[0] ** 2 + (_NOISE[1] / jnp.maximum(jnp.abs(touch.speed), SLOWEST)) ** 2
-    std = jnp.sqrt(of_speed + of_force / stiffness**2 + aside**2)
+    std = jnp.sqrt(_noise(touch) + of_force / stiffness**2 + aside**2)
     away = (jump.slip[:, None] - (bent - force) / stiffness) / std
     both = 2**0.5 * jnp.repeat(jnp.minimum(away[0::2], away[1::2]), 2, axis=0)
     far = jnp.maximum(jnp.maximum(away, both) - _COUNTS, 0.0) ** 2
