@@ -200,8 +200,8 @@ def test_all_wheels_driven_onto_ice(middle: Callable[[Array, Array], Array], wha
 def test_what_was_likely_of_the_old_road_says_nothing_of_the_new(
     middle: Callable[[Array, Array], Array],
 ) -> None:
-    """Driven with 0.32 of the load, a car knows that its road bears more. Then its front wheels come onto 0.2;
-    that the new road may bear as little must not be ruled out by what the old one bore."""
+    """Driven with 0.32 of the load, a car knows that its road bears more. Then its front wheels come onto
+    0.2; that the new road may bear as little must not be ruled out by what the old one bore."""
     vehicle = load_vehicle("suv")
     now = np.arange(320)
     forces = np.select([now < 200, now < 300], [0.32, 0.21], 0.19)[:, None] * np.ones(4)
