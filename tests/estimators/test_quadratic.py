@@ -46,6 +46,12 @@ def test_it_begins_at_its_first_sample() -> None:
     np.testing.assert_array_equal(np.ravel(followed(np.array([7.0]), 0.05)), [7, 0, 0])
 
 
+def test_after_a_gap_it_begins_anew() -> None:
+    time = np.arange(100) * STEP
+    fit = followed(np.append(50 * time**2, -3.0), 0.05, np.append(np.full(100, STEP), 1.0))
+    np.testing.assert_array_equal(np.ravel(fit), [-3, 0, 0])
+
+
 def test_a_step_of_no_time_changes_nothing_by_much() -> None:
     fit = followed(np.full(100, 2.0), 0.05)
     again = fit.take(jnp.asarray([2.0]), jnp.asarray([False]), jnp.asarray([0.05]), jnp.asarray(0.0))

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 _LEAST_STEP = 1e-3  # s
+_GAP = 4.0  # memories without a sample after which nothing is left of the parabola
 
 
 class Quadratic(NamedTuple):
@@ -39,7 +40,7 @@ class Quadratic(NamedTuple):
 
         Args:
             sample: of each signal.
-            afresh: whether it is the first that counts.
+            afresh: whether it is the first that counts; one after a long gap is.
             memory: τ of each signal, s.
             dt: s.
         """
@@ -54,6 +55,7 @@ class Quadratic(NamedTuple):
             self.second + gone**3 / step**2 * new,
         )
         begun = Quadratic(sample, *(jnp.zeros_like(sample) for _ in range(2)))
+        afresh = afresh | (dt > _GAP * memory)
         return Quadratic(*(jnp.where(afresh, a, b) for a, b in zip(begun, moved, strict=True)))
 
     def ahead(self, time: Float[Array, ...]) -> tuple[Float[Array, " k"], Float[Array, " k"]]:
