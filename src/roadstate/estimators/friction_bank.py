@@ -112,7 +112,8 @@ class FrictionBank(eqx.Module):
     Gaussian, and the evidence for it is how well forces were predicted (a Rao–Blackwellised point-mass
     filter; Bucy & Senne 1971; Doucet et al. 2000). Between samples the road may drift or change altogether,
     with a rate per distance, so that without evidence the posterior returns to the prior as the car drives
-    on, and a sudden change is a hypothesis that is always there.
+    on, and a sudden change is a hypothesis that is always there; wheels that slip more from one moment to the
+    next make it likely (:func:`~roadstate.estimators.slip_jump.changed`).
 
     The parts of the car share hypotheses but not evidence: each weighs what its own tires tell. But a rear
     wheel rolls where the front one has been, so as the car drives on a wheel takes over what its side has
