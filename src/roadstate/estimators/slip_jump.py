@@ -28,6 +28,7 @@ _LASTS = 0.2  # s for which an error lasts
 _SHIFT = 0.002  # slip that all wheels may seem to lose at once: an error of the speed
 _OFFSET = 0.004  # slip that a wheel may seem to have when it rolls
 _MOST = 0.4  # part of an independent time that one sample counts at most: forces lag a little behind slips
+_ANY = 1.0  # slip that stands for any
 _USED = 0.8  # share of the friction from which on a force hardly tells the slip
 _LARGEST = 0.04  # slip from which on a tire's force may fall
 _STEEP = 1.5  # of a slip over its force: a tire that is used by half
@@ -104,7 +105,7 @@ def changed(
     force = jnp.abs(touch.along[:, None])
     more = (elastic(force, friction, jnp.asarray(_CURVE)) - force) / stiffness
     # near its friction a tire may slip by any amount
-    more = jnp.where(force + 4 * touch.along_std[:, None] < _USED * friction, more, jnp.inf)
+    more = jnp.where(force + 4 * touch.along_std[:, None] < _USED * friction, more, _ANY)
     more = jnp.concatenate([jnp.zeros_like(force), more], axis=1)  # first: where nothing has changed
     of_force = (_FORCE[0] * jump.force[:, None]) ** 2 + (_FORCE[1] * force) ** 2
     std = jnp.sqrt(_noise(touch) + _STEEP**2 * of_force / stiffness**2)
