@@ -110,9 +110,7 @@ def changed(
     of_force = (_FORCE[0] * jump.force[:, None]) ** 2 + (_FORCE[1] * force) ** 2
     std = jnp.sqrt(_noise(touch) + _STEEP**2 * of_force / stiffness**2)
     away = (jump.slip[:, None] - more) / std
-    both = 2**0.5 * jnp.repeat(jnp.minimum(away[0::2], away[1::2]), 2, axis=0)
-    fits = -0.5 * jnp.maximum(jnp.maximum(away, both) - _COUNTS, 0.0) ** 2
-    fits = jnp.maximum(fits, -_SURE)
+    fits = jnp.maximum(-0.5 * _beyond(away) ** 2, -_SURE)
     births = jnp.exp(prior + fits[:, 1:])
     every = jnp.sum(births, axis=1, keepdims=True)
     share = _SELDOM * every / (_SELDOM * every + jnp.exp(fits[:, :1]))
@@ -124,6 +122,12 @@ def changed(
 def _noise(touch: Touch) -> Float[Array, ""]:
     """Variance of a slip's jump where neither force nor friction changes."""
     return _NOISE[0] ** 2 + (_NOISE[1] / jnp.maximum(jnp.abs(touch.speed), SLOWEST)) ** 2
+
+
+def _beyond(away: Float[Array, "4 J"]) -> Float[Array, "4 J"]:
+    """Deviations in σ, each wheel's own or its axle's, as far as they exceed what errors do."""
+    both = 2**0.5 * jnp.repeat(jnp.minimum(away[0::2], away[1::2]), 2, axis=0)
+    return jnp.maximum(jnp.maximum(away, both) - _COUNTS, 0.0)
 
 
 def evidence(
@@ -161,8 +165,6 @@ def evidence(
     of_force = (_FORCE[0] * jump.force[:, None]) ** 2 + (_FORCE[1] * force) ** 2 + (force_std * steep) ** 2
     std = jnp.sqrt(_noise(touch) + of_force / stiffness**2 + aside**2)
     away = (jump.slip[:, None] - (bent - force) / stiffness) / std
-    both = 2**0.5 * jnp.repeat(jnp.minimum(away[0::2], away[1::2]), 2, axis=0)
-    far = jnp.maximum(jnp.maximum(away, both) - _COUNTS, 0.0) ** 2
-    told = tempered(far, _LASTS / step, _MOST)
+    told = tempered(_beyond(away) ** 2, _LASTS / step, _MOST)
     tells = (force + 4 * force_std < _USED * friction) & (jnp.abs(touch.slip[:, None]) < _LARGEST)
     return jnp.where(tells, told, 0.0)
