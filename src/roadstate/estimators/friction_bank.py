@@ -84,7 +84,8 @@ class BankState(NamedTuple):
     """Hypotheses of J frictions.
 
     Attributes:
-        log_weight: (7, J) of the parts: car, wheels, sides.
+        log_weight: (3, 7, J) of the modes of :mod:`~roadstate.estimators.slip_jump` and the parts: car,
+            wheels, sides.
         x: (n, J) what each friction makes of :data:`STATES`; stiffnesses as logarithms of their factors,
             shape as difference from the file's, lever in m.
         P: (n, n, J) its covariance.
@@ -94,7 +95,7 @@ class BankState(NamedTuple):
             the wheels slip beyond their force, slowed.
     """
 
-    log_weight: Float[Array, "7 J"]
+    log_weight: Float[Array, "3 7 J"]
     x: Float[Array, "n J"]
     P: Float[Array, "n n J"]
     y: Float[Array, "4 m J"]
@@ -113,7 +114,7 @@ class FrictionBank(eqx.Module):
     filter; Bucy & Senne 1971; Doucet et al. 2000). Between samples the road may drift or change altogether,
     with a rate per distance, so that without evidence the posterior returns to the prior as the car drives
     on, and a sudden change is a hypothesis that is always there; wheels that slip more from one moment to the
-    next make it likely (:func:`~roadstate.estimators.slip_jump.changed`).
+    next make it likely, or a bump (:mod:`~roadstate.estimators.slip_jump`).
 
     The parts of the car share hypotheses but not evidence: each weighs what its own tires tell. But a rear
     wheel rolls where the front one has been, so as the car drives on a wheel takes over what its side has
@@ -151,7 +152,7 @@ class FrictionBank(eqx.Module):
         """The prior."""
         ones = jnp.ones(_COUNT)
         return BankState(
-            jnp.broadcast_to(self.prior, (len(_WEIGHTS), _COUNT)),
+            jnp.full((slip_jump.MODES, len(_WEIGHTS), _COUNT), _FLOOR).at[slip_jump.STAYS].set(self.prior),
             jnp.zeros((SIZE, _COUNT)),
             self.motion.first[:, :, None] * ones,
             *self.wheels.init(_COUNT),
@@ -169,14 +170,15 @@ class FrictionBank(eqx.Module):
         memory = jnp.where(state.level < slip_jump.NOTHING, state.level, told)
         change = told - memory
         level = memory - jnp.expm1(-dt / slip_jump.MEMORY) * change
-        jump = slip_jump.Jump(slip_jump.jumps(slips, memory[10:], touch), jnp.abs(change[2:6]))
-        change = jnp.concatenate([jnp.abs(change[:2]), jnp.maximum(jump.force, jnp.abs(change[6:10]))])
+        gained = slip_jump.jumps(slips, memory[10:], touch)
+        grown = jnp.abs(told[2:6]) - jnp.abs(memory[2:6])
+        jump = slip_jump.Jump(gained, grown, memory[10:])
+        change = jnp.abs(change)
+        change = jnp.concatenate([change[:2], jnp.maximum(change[2:6], change[6:10])])
         anew = change / (_ANEW[0] * slip_jump.MEMORY) + 1 / _ANEW[1]
         whole = jnp.minimum((change / _ANEW[0]) ** 2, 1.0)
         step = jnp.maximum(dt, _LEAST_STEP)
-        stiffness = self.wheels.slip_stiffness
-        changed = slip_jump.changed(jump, touch, stiffness, self.friction, self.prior, step)
-        mixed = self._mixed(state, jnp.abs(touch.speed) * dt, changed)
+        mixed = self._mixed(state, jnp.abs(touch.speed) * dt, dt)
         x, P = self.motion.moved(mixed.x, mixed.P, touch, dt)
         takes = jnp.maximum((2 * _ERROR_TIME + 1 / anew[:2]) / step, 1.0)
         speed = jnp.maximum(jnp.abs(touch.speed), SLOWEST)
@@ -217,15 +219,26 @@ class FrictionBank(eqx.Module):
         angles = [self._angle(x, touch, speed, axle) for axle in range(2)]
         across = [self._cornering(x, touch, axle) * angles[axle] for axle in range(2)]
         aside = Aside(jnp.stack(angles), jnp.stack(across))
-        y, Y, likelihoods = self.wheels.learn(
+        y, Y, likelihoods, jumps = self.wheels.learn(
             mixed.y, mixed.Y, along, touch, self.friction, _ERROR, aside, jump, anew[2:], step
         )
         evidence = jnp.concatenate([jnp.stack(across_evidence), likelihoods])
-        raised = mixed.log_weight + jnp.asarray(_WEIGHTS, x.dtype) @ evidence
-        most = jnp.max(raised, axis=1, keepdims=True)
-        total = most + jnp.log(jnp.sum(jnp.exp(raised - most), axis=1, keepdims=True))
+        raised = mixed.log_weight + jnp.asarray(_WEIGHTS, x.dtype) @ evidence + self._of_jumps(jumps)
+        most = jnp.max(raised, axis=(0, 2), keepdims=True)
+        total = most + jnp.log(jnp.sum(jnp.exp(raised - most), axis=(0, 2), keepdims=True))
         weight = jnp.maximum(raised - total, _FLOOR)
-        return BankState(weight, x, P, y, Y, level), total[0, 0]
+        return BankState(weight, x, P, y, Y, level), total[0, 0, 0]
+
+    def _of_jumps(self, jumps: slip_jump.Told) -> Float[Array, "3 7 J"]:
+        """What the wheels' jumps tell each part. A road that has begun under several wheels has not reached
+        each of them at once, but one of them."""
+        weights = jnp.asarray(_WEIGHTS[:, 2:], jumps.likelihood.dtype)
+        stays, began, shaken = jumps.likelihood
+        either = jnp.maximum(stays, began)
+        asked = (weights > 0) & jumps.tells
+        nowhere = jnp.where(asked[:, :, None], (either - began) * weights[:, :, None], jnp.inf)
+        nowhere = jnp.where(jnp.any(asked, axis=1, keepdims=True), jnp.min(nowhere, axis=1), 0.0)
+        return jnp.stack([weights @ stays, weights @ either - nowhere, weights @ shaken])
 
     def _cornering(self, x: Array, touch: Touch, axle: int) -> Array:
         """C_α/F_z of an axle's tires, of which less is left as load moves to the outer wheel."""
@@ -249,34 +262,36 @@ class FrictionBank(eqx.Module):
         wheels = bounded(along, across, self.friction, self.wheels.shape + x[SHAPE])
         return Grip(*(jnp.mean(part, axis=0) for part in wheels))
 
-    def _mixed(self, state: BankState, distance: Array, changed: Array) -> BankState:
-        """The road's friction drifts or changes over a distance, or has ``changed`` (4, J) under wheels by
-        what they slip; a hypothesis that is born anew inherits."""
+    def _mixed(self, state: BankState, distance: Array, dt: Array) -> BankState:
+        """The road's friction drifts or changes over a distance; a hypothesis that is born anew inherits."""
         p = jnp.exp(state.log_weight)
         spacing = np.log(_LARGEST / _LEAST) / (_COUNT - 1)
         share = jnp.minimum(0.5 * _DRIFT * distance / spacing**2, 0.25)
-        edge = jnp.concatenate([p[:, :1], p, p[:, -1:]], axis=1)
-        p = p + share * (edge[:, 2:] - 2 * p + edge[:, :-2])
-        side = p[_SIDES]
-        p = p - jnp.expm1(-_JOINS * distance) * (jnp.concatenate([p[:1], side, side, side]) - p)
-        born = -jnp.expm1(-_JUMP * distance)
-        sides = jnp.maximum(changed[:2], changed[2:])
-        parts = jnp.concatenate([jnp.max(sides, axis=0, keepdims=True), changed, sides])
-        fresh = born * jnp.exp(self.prior) + parts
-        whole = (1 - jnp.sum(fresh, axis=1, keepdims=True)) * p + fresh
-        new = fresh / jnp.maximum(whole, 1e-30)
-        x, P = inherit(state.x, state.P, p[0], new[0])
-        y, Y = jax.vmap(inherit)(state.y, state.Y, p[_WHEELS], new[_WHEELS])
-        return BankState(jnp.log(jnp.maximum(whole, 1e-30)), x, P, y, Y, state.level)
+        edge = jnp.concatenate([p[..., :1], p, p[..., -1:]], axis=2)
+        p = p + share * (edge[..., 2:] - 2 * p + edge[..., :-2])
+        joins = -jnp.expm1(-_JOINS * distance)
+        found = joins * jnp.tile(jnp.sum(p[:, _SIDES], axis=0), (2, 1))
+        p = p.at[:, _WHEELS].multiply(1 - joins).at[slip_jump.STAYS, _WHEELS].add(found)
+        born = -jnp.expm1(-_JUMP * distance) * jnp.exp(self.prior)
+        p = slip_jump.moved(p, born[None], dt)
+        whole = jnp.sum(p, axis=0)
+        new = born / jnp.maximum(whole, 1e-30)
+        x, P = inherit(state.x, state.P, whole[0], new[0])
+        y, Y = jax.vmap(inherit)(state.y, state.Y, whole[_WHEELS], new[_WHEELS])
+        return BankState(jnp.log(jnp.maximum(p, 1e-30)), x, P, y, Y, state.level)
+
+    def _weights(self, state: BankState) -> Float[Array, "7 J"]:
+        """Of the hypotheses, for each part, whatever its mode."""
+        p = jnp.sum(jnp.exp(state.log_weight), axis=0)
+        return p / jnp.sum(p, axis=1, keepdims=True)
 
     def merged(self, state: BankState) -> tuple[Array, Array]:
         """Mean (n,) and 1σ (n,) of :data:`STATES` over all hypotheses."""
-        return moments(state.x, state.P, jnp.exp(state.log_weight[0]))
+        return moments(state.x, state.P, self._weights(state)[0])
 
     def quantiles(self, state: BankState, levels: tuple[float, ...]) -> Float[Array, "q 5"]:
         """Quantiles of μ in each of :data:`VIEWS`, linear in ln μ between the grid's points."""
-        p = jnp.exp(state.log_weight)
-        p = p / jnp.sum(p, axis=1, keepdims=True)
+        p = self._weights(state)
         # a product: XLA sums up along an axis in time that grows with the square of its length
         total = p @ jnp.asarray(np.triu(np.ones((_COUNT, _COUNT))), p.dtype)
         wanted = jnp.asarray(levels, p.dtype)[:, None]
@@ -292,8 +307,7 @@ class FrictionBank(eqx.Module):
 
     def std(self, state: BankState) -> Float[Array, " 5"]:
         """1σ of μ in each of :data:`VIEWS`, the grid's own width included."""
-        p = jnp.exp(state.log_weight)
-        p = p / jnp.sum(p, axis=1, keepdims=True)
+        p = self._weights(state)
         mean = jnp.sum(p * self.friction, axis=1, keepdims=True)
         width = self.friction * float(np.log(_LARGEST / _LEAST) / (_COUNT - 1)) / 12**0.5
         return jnp.asarray(_MEANS, p.dtype) @ root(

@@ -86,8 +86,8 @@ class Wheels(eqx.Module):
         jump: slip_jump.Jump,
         anew: Float[Array, " 4"],
         step: Float[Array, ""],
-    ) -> tuple[Float[Array, "4 m J"], Float[Array, "4 m m J"], Float[Array, "4 J"]]:
-        """Mean and covariance after a sample, and its log-likelihood.
+    ) -> tuple[Float[Array, "4 m J"], Float[Array, "4 m m J"], Float[Array, "4 J"], slip_jump.Told]:
+        """Mean and covariance after a sample, its log-likelihood, and what the jumps tell.
 
         Args:
             y, Y: before.
@@ -122,10 +122,10 @@ class Wheels(eqx.Module):
         lasts = 2 * (_SLIP_TIME[0] + (_SLIP_TIME[1] - _SLIP_TIME[0]) * jnp.where(sure, shared, 0.0))
         counts = jnp.maximum((lasts + 1 / anew[:, None]) / step, 1.0)
         y, Y, likelihood = learn(y, Y, row, innovation, noise, counts)
-        likelihood = likelihood + slip_jump.evidence(
+        jumps = slip_jump.evidence(
             jump, touch, turned, self.slip_stiffness, friction, bent, jnp.sqrt(floor), step
         )
-        return y, Y, jnp.where(known, likelihood, 0.0)
+        return y, Y, jnp.where(known, likelihood, 0.0), jumps
 
     def _curves(
         self, y: Array, linear: Array, touch: Touch, friction: Array, across: Array
