@@ -1,4 +1,4 @@
-"""Grade on the two real recordings: ours beside a plain non-causal estimate, and what the reference is worth.
+"""Grade and friction on real recordings, beside a plain non-causal grade, and what its reference is worth.
 
 ``python -m benchmarks.real_logs`` prints the tables of ``benchmarks/results/real_logs.md``.
 """
@@ -93,6 +93,21 @@ def table(title: str, rows: dict[str, dict[str, Any]]) -> str:
     return "\n".join(lines) + "\n"
 
 
+def of_friction(log: Log, car: Vehicle, name: str) -> dict[str, float]:
+    """What an estimator says of a road of which it is known only that there is no ice on it: how often its
+    middle value lies below 0.5 and its upper bound below 0.6 (shares), and the extremes."""
+    values = scan(build(name, car, log.available), log).values
+    middle, upper = values["friction_peak"], values["friction_peak_upper"]
+    return {
+        "used, at most": float(np.nanmax(values["friction_used"])),
+        "peak below 0.5": float(np.mean(middle < 0.5)),
+        "upper bound below 0.6": float(np.mean(upper < 0.6)),
+        "least peak": float(np.nanmin(middle)),
+        "least upper bound": float(np.nanmin(upper)),
+        "largest lower bound": float(np.nanmax(values["friction_peak_lower"])),
+    }
+
+
 def comma2k19() -> str:
     """The RAV4: car's accelerometer, phone's, and the same with GNSS altitude."""
     folder = DATA / "comma2k19"
@@ -113,6 +128,9 @@ def comma2k19() -> str:
         for name in names:
             rows[f"{name}, causal"], _ = ours(name, log, car, where)
         parts.append(table(f"comma2k19, {title} (after 3 s, {int(where.sum())} samples)", rows))
+        if title.startswith("car"):
+            found = {name: of_friction(log, car, name) for name in ("joint", "friction-ukf", "lm-aekf")}
+            parts.append(table("comma2k19, friction: streets of San Francisco in August, with bumps", found))
     with tempfile.TemporaryDirectory() as temporary:
         fixes = Path(temporary) / "gnss.csv"
         script = EXAMPLES / "comma2k19" / "gnss.py"
@@ -181,7 +199,7 @@ def main() -> None:
     if not DATA.is_dir():
         raise SystemExit("the real recordings (../shared/data) are not on this machine")
     use_compilation_cache()
-    print("# Grade on real recordings\n\nMade by `python -m benchmarks.real_logs`; errors in % of grade.\n")
+    print("# Real recordings\n\nMade by `python -m benchmarks.real_logs`; errors in % of grade.\n")
     print(comma2k19())
     print(css_mf4())
 

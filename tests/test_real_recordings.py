@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from benchmarks import race_car
-from benchmarks.real_logs import load, ours, plain, scores
+from benchmarks.real_logs import load, of_friction, ours, plain, scores
 
 from roadstate.core import Log
 from roadstate.estimators import build
@@ -48,6 +48,16 @@ def test_debe_knows_what_it_does_not_know(comma: tuple[Log, Vehicle]) -> None:
     assert row["r"] > 0.9
     assert row["MAE"] < 1.3
     assert row["coverage"] > 0.9
+
+
+@pytest.mark.usefixtures("optimised")
+def test_bumps_are_not_taken_for_ice(comma: tuple[Log, Vehicle]) -> None:
+    """Streets in summer, driven with less than 0.2, and wheels that slip for a tenth of a second on bumps."""
+    found = of_friction(*comma, "joint")
+    assert found["used, at most"] < 0.25
+    assert found["upper bound below 0.6"] == 0
+    assert found["peak below 0.5"] < 0.2
+    assert found["largest lower bound"] < 0.6
 
 
 def test_both_estimators_on_the_long_drive(css: tuple[Log, Vehicle]) -> None:

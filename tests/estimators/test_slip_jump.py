@@ -197,7 +197,7 @@ def middle() -> Callable[[Array, Array], Array]:
 def test_all_wheels_driven_onto_ice(middle: Callable[[Array, Array], Array], what: str) -> None:
     """Where nothing rolls freely, only the jump tells."""
     vehicle = load_vehicle("suv")
-    forces = np.where(np.arange(316) < 100, 2 * FORCE, FORCE)[:, None] * np.ones(4)
+    forces = np.where(np.arange(330) < 100, 2 * FORCE, FORCE)[:, None] * np.ones(4)
     slips = (
         np.asarray(elastic(forces, vehicle.tires.friction, vehicle.tires.shape))
         / vehicle.tires.slip_stiffness

@@ -176,6 +176,7 @@ def evidence(
     limit = (grew > _GREW) & (force + 4 * force_std > _USED[0] * friction)
     may = jnp.where(limit | (slides & (before > _SLIDES)), _ANY, (1 - (1 - grew) ** 2) * more)
     tells = jnp.isfinite(force_std) & (force > _BEARS) & (slipped < _LARGEST)
+    tells = tells & (jnp.abs(touch.speed) > 0.5 * SLOWEST)
     stays = _likelihood(_beyond((slip - may) / std), tells, step)
     short = jnp.maximum((_KEEPS * more - before - slip) / std - _SHORT, 0.0)
     exceeds = jnp.where(near, 0.0, _beyond((slip - more) / std_began))
