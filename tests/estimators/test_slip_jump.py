@@ -160,7 +160,19 @@ def test_a_tire_that_slid_already_may_slide_more_at_its_limit() -> None:
 
 def test_a_wheel_that_bears_nothing_tells_of_no_road() -> None:
     """A bump shakes an idle wheel; ice would not make it slip."""
-    assert (np.asarray(told(np.array([0.009, 0.009]), FRICTION, force=0.015)) == 0).all()
+    jump = np.array([0.009, 0.009])
+    assert (np.asarray(told(jump, FRICTION, force=0.015)) == 0).all()
+    driven = touch(
+        np.full(4, 0.012), np.array([0.2, 0.2, -0.05, -0.05])
+    )  # what shakes it seems to be a force
+    moved = slip_jump.Jump(jnp.concatenate([jnp.zeros(2), jnp.asarray(jump)]), jnp.zeros(4), jnp.zeros(4))
+    bent = elastic(driven.along[:, None], jnp.asarray(FRICTION), jnp.asarray(1.45))
+    found = slip_jump.evidence(
+        moved, driven, jnp.zeros((4, len(FRICTION))), jnp.asarray(STIFFNESS), jnp.asarray(FRICTION), bent,
+        jnp.full((4, 1), 0.008), jnp.asarray(DT),
+    )  # fmt: skip
+    assert list(np.asarray(found.tells)) == [True, True, False, False]
+    assert (np.asarray(found.likelihood)[:, 2:] == 0).all()
 
 
 def test_a_bump_comes_and_goes_and_a_road_begins_and_stays() -> None:

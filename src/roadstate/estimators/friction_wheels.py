@@ -125,7 +125,9 @@ class Wheels(eqx.Module):
         jumps = slip_jump.evidence(
             jump, touch, turned, self.slip_stiffness, friction, bent, jnp.sqrt(floor), step
         )
-        return y, Y, jnp.where(known, likelihood, 0.0), jumps
+        # a wheel that bears nothing slips on no road, but a bump shakes it
+        idle = (jnp.abs(measured) < slip_jump.BEARS) & (jnp.abs(touch.slip[:, None]) < slip_jump.SLIDES)
+        return y, Y, jnp.where(known & ~idle, likelihood, 0.0), jumps
 
     def _curves(
         self, y: Array, linear: Array, touch: Touch, friction: Array, across: Array

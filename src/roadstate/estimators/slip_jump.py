@@ -29,6 +29,10 @@ NOTHING = 10.0
 STAYS, BEGAN, SHAKEN = range(3)
 """Modes: the road stays; it has just begun; a bump shakes the wheel."""
 MODES = 3
+BEARS = 0.04
+"""Force over load below which a wheel slips on no road: what jumps then is shaken by a bump."""
+SLIDES = 0.03
+"""Slip from which on a tire slides, and its force may fall."""
 _NEW = 0.8  # s for which a road counts as one that has just begun
 _BUMP = (0.04, 0.15)  # bumps per s, and s for which one lasts
 _WIDER = 20.0  # nats per s by which a bump explains a jump worse than the road does: it might be any
@@ -40,10 +44,8 @@ _ONSET = 7.0  # squared deviations, over σ², that no lasting error explains
 _MOST = 0.4  # part of an independent time that one sample counts at most: forces lag a little behind slips
 _SHIFT = 0.002  # slip that all wheels may seem to lose at once: an error of the speed
 _OFFSET = 0.004  # slip that a wheel may seem to have when it rolls
-_BEARS = 0.04  # force over load below which a wheel slips on no road: what jumps then is shaken by a bump
 _ANY = 1.0  # slip that stands for any
 _USED = (0.8, 0.5)  # share of the friction from which on a force hardly tells the slip: and once it slides
-_SLIDES = 0.03  # slip from which on a tire slides, and its force may fall
 _LARGEST = 0.1  # slip from which on a jump tells nothing
 _GREW = 0.15  # share of a force by which it has grown when it may have come to its limit by that
 _KEEPS = 0.6  # of a jump onto a new road is left to see after a while
@@ -161,7 +163,7 @@ def evidence(
     """
     force, bent = jnp.abs(touch.along[:, None]), jnp.abs(bent)
     slipped = jnp.abs(touch.slip[:, None])
-    slides = (slipped > _SLIDES) & (force + 4 * force_std > _USED[1] * friction)
+    slides = (slipped > SLIDES) & (force + 4 * force_std > _USED[1] * friction)
     near = slides | (force + 4 * touch.along_std[:, None] > _USED[0] * friction)
     more = jnp.where(near, force, bent - force) / stiffness
     share = jnp.minimum(force / friction, _STEEPEST)
@@ -172,10 +174,11 @@ def evidence(
     std_began = jnp.sqrt(noise + (of_change + (force_std * steep) ** 2) / stiffness**2)
     slip, before = jump.slip[:, None], jnp.abs(jump.before[:, None])
     # of what a tire slips beyond a line, a force that has grown has made the greater part
-    grew = jnp.clip(jump.force[:, None] / jnp.maximum(force, _BEARS), 0.0, 1.0)
+    grew = jnp.clip(jump.force[:, None] / jnp.maximum(force, BEARS), 0.0, 1.0)
     limit = (grew > _GREW) & (force + 4 * force_std > _USED[0] * friction)
-    may = jnp.where(limit | (slides & (before > _SLIDES)), _ANY, (1 - (1 - grew) ** 2) * more)
-    tells = jnp.isfinite(force_std) & (force > _BEARS) & (slipped < _LARGEST)
+    may = jnp.where(limit | (slides & (before > SLIDES)), _ANY, (1 - (1 - grew) ** 2) * more)
+    bears = jnp.sign(jnp.sum(touch.along)) * touch.along[:, None] > BEARS
+    tells = jnp.isfinite(force_std) & bears & (slipped < _LARGEST)
     tells = tells & (jnp.abs(touch.speed) > 0.5 * SLOWEST)
     stays = _likelihood(_beyond((slip - may) / std), tells, step)
     short = jnp.maximum((_KEEPS * more - before - slip) / std - _SHORT, 0.0)
