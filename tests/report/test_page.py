@@ -21,6 +21,7 @@ from roadstate.metrics import evaluate
 from roadstate.report import write_report
 from roadstate.report.consistency import LAGS, nis_consistency, sensor_consistency
 from roadstate.report.page import points_per_line
+from roadstate.report.panels import band, spread
 
 GOLDEN = Path(__file__).parent / "golden" / "errors.json"
 EVIL = "<script>alert(1)</script>"
@@ -160,6 +161,21 @@ def test_consistency_is_told_with_bands_and_drawn(page: str, log: Log, results: 
         assert w is not None
         for values in (w.correlation[:, 0], w.bound[:, 0], -w.bound[:, 0]):
             assert any(np.allclose(line, values, atol=1e-6) for line in lines)
+
+
+def test_a_quantity_with_bounds_of_its_own_is_drawn_with_them(results: dict[str, Estimates]) -> None:
+    """A friction that is hardly known lies anywhere above what is used, not below zero."""
+    some = next(iter(results.values()))
+    peak, count = np.full(len(some.time), 0.9), len(some.time)
+    told = {"friction_peak": peak, "friction_peak_lower": 0.2 * peak, "friction_peak_upper": 1.3 * peak}
+    known = replace(some, values=some.values | told, std=some.std | {"friction_peak": np.full(count, 0.6)})
+    lower, upper = band("friction_peak", known)
+    np.testing.assert_array_equal([lower, upper], [0.2 * peak, 1.3 * peak])
+    assert spread("friction_peak", known) == ", 5 to 95 %"
+    bare = replace(known, values={q: v for q, v in known.values.items() if q != "friction_peak_upper"})
+    lower, upper = band("friction_peak", bare)
+    np.testing.assert_allclose([lower[0], upper[0]], [-0.3, 2.1])
+    assert spread("friction_peak", bare) == " ± 2σ"
 
 
 def test_innovations_are_labelled_with_their_unit(

@@ -34,6 +34,10 @@ class Panel:
     note: str = ""
 
 
+SPREADS = (" ± 2σ", ", 5 to 95 %")
+"""What a name in a legend says of the band around its line: by a standard deviation, or by bounds."""
+
+
 @dataclass(frozen=True)
 class Trace:
     """One line of a figure, and the values behind it.
@@ -192,7 +196,7 @@ def plain(text: str) -> str:
 
 def _hover(trace: Trace, renderers: list[Any], side: str, unit: str, slope: bool) -> Any:
     models = backend.models()
-    label = plain(trace.label.removesuffix(" ± 2σ"))
+    label = plain(trace.label.removesuffix(SPREADS[0]).removesuffix(SPREADS[1]))
     value, half = ("@y{number}", "@half{0.00}") if slope else ("@y{0.[0000]}", "@half{0.[0000]}")
     text = value if trace.half_width is None else f"{value} ± {half}"
     text += "" if unit == "-" else f" {unit}"

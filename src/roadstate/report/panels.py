@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 from roadstate.core import QUANTITIES, WHEELS, Estimates, Log, Validity, is_bound
 from roadstate.core import reference as reference_of
+from roadstate.core.quantities import BOUNDS
 from roadstate.metrics import presented, presented_unit
 from roadstate.report import backend, style
 from roadstate.report.consistency import sensor_consistency, windowed_ratio
 from roadstate.report.downsample import runs
-from roadstate.report.figures import Panel, TimeAxes, Trace, plain, set_view
+from roadstate.report.figures import SPREADS, Panel, TimeAxes, Trace, plain, set_view
 from roadstate.report.plots import Curve, xy_figure
 from roadstate.report.view import unit_label
 
@@ -38,18 +39,34 @@ def _is_within_another(quantity: str, given: Collection[str]) -> bool:
     return wheel in WHEELS and f"{stem}_{'front' if wheel[0] == 'f' else 'rear'}" in given
 
 
+def has_bounds(quantity: str, estimates: Estimates) -> bool:
+    """Whether an estimator gives 5 % and 95 % bounds of the quantity, which then are told instead of σ."""
+    return all(quantity + bound in estimates.values for bound in BOUNDS)
+
+
+def spread(quantity: str, estimates: Estimates) -> str:
+    """What the legend says of :func:`band`, one of :data:`~roadstate.report.figures.SPREADS`."""
+    return SPREADS[has_bounds(quantity, estimates)]
+
+
 def band(quantity: str, estimates: Estimates) -> tuple[Array, Array]:
-    """Lower and upper limit of estimate ± 2σ, each (T,), as presented; NaN where there is no σ."""
+    """Lower and upper limit of an estimate, each (T,), as presented; NaN where there is none.
+
+    Its own bounds where it has some, or else ± 2σ.
+    """
     values = estimates.values[quantity]
-    two_sigma = 2.0 * estimates.std.get(quantity, np.full_like(values, np.nan))
-    lower, upper = values - two_sigma, values + two_sigma
+    if has_bounds(quantity, estimates):
+        lower, upper = (estimates.values[quantity + bound] for bound in BOUNDS)
+    else:
+        two_sigma = 2.0 * estimates.std.get(quantity, np.full_like(values, np.nan))
+        lower, upper = values - two_sigma, values + two_sigma
     if quantity == "grade":
         lower, upper = np.clip(lower, -_STEEPEST, _STEEPEST), np.clip(upper, -_STEEPEST, _STEEPEST)
     return presented(quantity, lower), presented(quantity, upper)
 
 
 def quantity_panels(axes: TimeAxes, quantity: str, results: Results, log: Log) -> list[Panel]:
-    """The estimates of one quantity with ±2σ over the reference, and their errors below."""
+    """The estimates of one quantity with their bands over the reference, and their errors below."""
     reference = reference_of(quantity, log.channels)
     truth = None if reference is None else presented(quantity, reference)
     unit = unit_label(presented_unit(quantity))
@@ -61,12 +78,13 @@ def quantity_panels(axes: TimeAxes, quantity: str, results: Results, log: Log) -
             continue
         values, color = presented(quantity, estimates.values[quantity]), style.estimator_color(i)
         lower, upper = band(quantity, estimates)
-        half = 0.5 * (upper - lower)
-        traces.append(Trace(f"{name} ± 2σ", values, color, half, lower, upper))
+        half = None if has_bounds(quantity, estimates) else 0.5 * (upper - lower)
+        label = name + spread(quantity, estimates)
+        traces.append(Trace(label, values, color, half, lower, upper))
         if truth is not None:
             edge = style.darker(color)
             low, high = lower - values, upper - values
-            error = Trace(f"{name} ± 2σ", values - truth, color, half, low, high, 1.2, "solid", 0.8, edge)
+            error = Trace(label, values - truth, color, half, low, high, 1.2, "solid", 0.8, edge)
             errors.append(error)
     text = QUANTITIES[quantity].description
     short = quantity.replace("_", " ")
@@ -77,7 +95,7 @@ def quantity_panels(axes: TimeAxes, quantity: str, results: Results, log: Log) -
     panels = [Panel(text[0].upper() + text[1:], plot, note)]
     if errors:
         plot = axes.figure(f"error [{unit}]", 220)
-        halves = [e.half_width for e in errors if e.half_width is not None]
+        halves = [0.5 * (e.upper - e.lower) for e in errors if e.upper is not None and e.lower is not None]
         note = set_view(plot, axes.draw(plot, errors, unit), at_least=_bounds_height(halves))
         axes.mark(plot, 0.0, dash="solid")
         panels.append(Panel(f"Error of {short}: estimate − reference", plot, note))

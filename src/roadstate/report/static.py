@@ -15,7 +15,7 @@ from roadstate.core.tabular import atomic_path
 from roadstate.metrics import check_time, presented, presented_unit
 from roadstate.report import backend, style
 from roadstate.report.downsample import envelope, select
-from roadstate.report.panels import band
+from roadstate.report.panels import band, spread
 from roadstate.report.view import unit_label, view_limits
 
 Array = NDArray[np.float64]
@@ -26,7 +26,7 @@ _POINTS = 4000
 def static_figure(
     path_png: str | Path, log: Log, results: Mapping[str, Estimates], quantity: str = "grade"
 ) -> Path:
-    """Draw the estimates of a quantity with ±2σ over the reference and, if there is one, their errors below.
+    """Draw estimates of a quantity with their bands over the reference and, if there is one, errors below.
 
     Args:
         path_png: PNG file to write; it appears whole or not at all.
@@ -57,7 +57,7 @@ def static_figure(
         color, values = style.estimator_color(i), presented(quantity, estimates.values[quantity])
         lower, upper = band(quantity, estimates)
         upper_panel.band(lower, upper, color)
-        upper_panel.line(values, color, 1.2, f"{name} ± 2σ")
+        upper_panel.line(values, color, 1.2, name + spread(quantity, estimates))
         if truth is not None:
             lower_panel.band(lower - values, upper - values, color)
             lower_panel.line(values - truth, color, 1.0)
