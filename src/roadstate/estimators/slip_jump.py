@@ -19,6 +19,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from roadstate.core.kernel import once
 from roadstate.estimators.friction_curve import theoretical_slip
 from roadstate.estimators.sideways import SLOWEST, Touch
 
@@ -180,10 +181,11 @@ def evidence(
     bears = jnp.sign(jnp.sum(touch.along)) * touch.along[:, None] > BEARS
     tells = jnp.isfinite(force_std) & bears & (slipped < _LARGEST)
     tells = tells & (jnp.abs(touch.speed) > 0.5 * SLOWEST)
-    stays = _likelihood(_beyond((slip - may) / std), tells, step)
+    more, std, std_began, may = once((more, std, std_began, may))
+    stays = once(_likelihood(_beyond((slip - may) / std), tells, step))
     short = jnp.maximum((_KEEPS * more - before - slip) / std - _SHORT, 0.0)
     exceeds = jnp.where(near, 0.0, _beyond((slip - more) / std_began))
-    began = _likelihood(jnp.maximum(exceeds, short), tells, step)
+    began = once(_likelihood(jnp.maximum(exceeds, short), tells, step))
     return Told(jnp.stack([stays, began, jnp.maximum(stays, -_WIDER * step)]), tells[:, 0])
 
 
