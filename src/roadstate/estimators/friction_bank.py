@@ -223,7 +223,9 @@ class FrictionBank(eqx.Module):
             mixed.y, mixed.Y, along, touch, self.friction, _ERROR, aside, jump, anew[2:], step
         )
         evidence = jnp.concatenate([jnp.stack(across_evidence), likelihoods])
-        raised = mixed.log_weight + jnp.asarray(_WEIGHTS, x.dtype) @ evidence + self._of_jumps(jumps)
+        raised = once(
+            mixed.log_weight + jnp.asarray(_WEIGHTS, x.dtype) @ evidence + once(self._of_jumps(jumps))
+        )
         most = jnp.max(raised, axis=(0, 2), keepdims=True)
         total = most + jnp.log(jnp.sum(jnp.exp(raised - most), axis=(0, 2), keepdims=True))
         weight = jnp.maximum(raised - total, _FLOOR)
@@ -273,8 +275,8 @@ class FrictionBank(eqx.Module):
         found = joins * jnp.tile(jnp.sum(p[:, _SIDES], axis=0), (2, 1))
         p = p.at[:, _WHEELS].multiply(1 - joins).at[slip_jump.STAYS, _WHEELS].add(found)
         born = -jnp.expm1(-_JUMP * distance) * jnp.exp(self.prior)
-        p = slip_jump.moved(p, born[None], dt)
-        whole = jnp.sum(p, axis=0)
+        p = once(slip_jump.moved(once(p), born[None], dt))
+        whole = once(jnp.sum(p, axis=0))
         new = born / jnp.maximum(whole, 1e-30)
         x, P = inherit(state.x, state.P, whole[0], new[0])
         y, Y = jax.vmap(inherit)(state.y, state.Y, whole[_WHEELS], new[_WHEELS])
