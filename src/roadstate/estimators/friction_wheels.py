@@ -126,7 +126,8 @@ class Wheels(eqx.Module):
             jump, touch, turned, self.slip_stiffness, friction, bent, jnp.sqrt(floor), step
         )
         # a wheel that bears nothing slips on no road, but a bump shakes it
-        idle = (jnp.abs(measured) < slip_jump.BEARS) & (jnp.abs(touch.slip[:, None]) < slip_jump.SLIDES)
+        borne = jnp.hypot(touch.along, jnp.repeat(touch.across, 2))[:, None]
+        idle = (borne < slip_jump.BEARS) & (jnp.abs(touch.slip[:, None]) < slip_jump.SLIDES)
         return y, Y, jnp.where(known & ~idle, likelihood, 0.0), jumps
 
     def _curves(
