@@ -186,6 +186,23 @@ class AlongModel(StateSpaceModel):
                 rows.append(x[SPEED] + u.speed * (slips - radius))
         return jnp.stack(rows)
 
+    def rolling(
+        self, gaussian: Gaussian, speed: Float[Array, ""]
+    ) -> tuple[Float[Array, ""], Float[Array, ""]]:
+        """By what share the rolling radius exceeds the file's, and 1σ of what by that and the speed all wheels
+        seem to slip alike.
+
+        Args:
+            gaussian: of the states.
+            speed: m/s by which to divide, away from 0.
+        """
+        row = jnp.zeros_like(gaussian.mean).at[SPEED].set(-1 / speed)
+        radius = jnp.zeros_like(speed)
+        if "wheel_radius" in self.states:
+            row = row.at[self.place("wheel_radius")].set(1.0)
+            radius = gaussian.mean[self.place("wheel_radius")]
+        return radius, root(jnp.sum((row @ gaussian.factor) ** 2))
+
     def sqrt_Q(self, u: AlongInput, dt: Float[Array, ""]) -> Float[Array, "n n"]:
         """White acceleration, the road, and what slowly forgets."""
         slow = root(-jnp.expm1(-2 * dt / self.slow_time))[:, None] * self.slow_factor

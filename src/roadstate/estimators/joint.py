@@ -236,10 +236,11 @@ class Joint(Estimator[JointState]):
             pull = info.innovation[speeds], root(jnp.diagonal(info.S)[speeds])
             pitch = self.pitch.judge(pitch, *seems, pull, dt)
         unrest = self.inputs.learn(state.unrest, info, u, forces, dt)
-        speed, speed_std = along.gaussian.mean[SPEED], along.gaussian.std[SPEED]
+        speed = along.gaussian.mean[SPEED]
+        rolling = self.along.rolling(along.gaussian, jnp.maximum(jnp.abs(speed), 1.0))
         gain = u.accel - along.gaussian.mean[SLOPE] - along.gaussian.mean[BIAS]
         since = jnp.where(state.speed_age < _NEVER, dt, _NEVER)
-        contact, touch = self.inputs.contact.touch(contact, seen, forces, speed, speed_std, gain, since)
+        contact, touch = self.inputs.contact.touch(contact, seen, forces, speed, rolling, gain, since)
         late = self.watch.lateness(watch, WHEEL_SPEEDS) * gain / jnp.maximum(jnp.abs(speed), 1.0)
         touch = touch._replace(slip_shared=jnp.hypot(touch.slip_shared, jnp.max(jnp.abs(late))))
         bank, likelihood = once(self.bank.step(state.bank, touch, dt))

@@ -161,7 +161,7 @@ class TireContact(eqx.Module):
         seen: Signals,
         forces: AxleForces,
         speed: Array,
-        spread: Array,
+        rolling: tuple[Array, Array],
         accel: Array,
         dt: Array,
     ) -> tuple[ContactState, Touch]:
@@ -172,7 +172,7 @@ class TireContact(eqx.Module):
             seen: signals.
             forces: at this instant.
             speed: m/s.
-            spread: its 1σ.
+            rolling: by what share the rolling radius exceeds the file's, and 1σ of a slip of all wheels.
             accel: its rate, m/s².
             dt: s.
         """
@@ -188,7 +188,7 @@ class TireContact(eqx.Module):
         along_rate = (along - state.along) / SMOOTHING
         keep = -jnp.expm1(-dt / SMOOTHING)
         angle = state.angle - jnp.expm1(-dt / jnp.maximum(lag, 1e-3)) * (now - state.angle)
-        radius = self.radius
+        radius = self.radius * (1 + rolling[0])
         turn = steered_cosines(jnp.cos(seen.smooth[STEER]))
         # as late as the wheels' speeds are
         late = speed - (SMOOTHING + _WHEEL_DELAY) * accel
@@ -211,7 +211,7 @@ class TireContact(eqx.Module):
             along=along,
             slip=jnp.where(stale, 0.0, slip),
             slip_std=jnp.hypot(_SLIP_ERROR, _SLIP_LAG * slip_rate),
-            slip_shared=spread / moving,
+            slip_shared=rolling[1],
             across_std=jnp.hypot(forces.across_std, _LAG_ERROR * across_rate) + steered,
             along_std=jnp.hypot(forces.along_std, _LAG_ERROR * along_rate) + unknown,
             transfer=transfer,
