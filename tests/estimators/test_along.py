@@ -10,6 +10,7 @@ from jaxtyping import Array
 from numpy.typing import NDArray
 
 from roadstate.core.channels import WHEELS
+from roadstate.core.gaussian import Gaussian
 from roadstate.estimators.along import SPEED, AlongInput, AlongModel
 from roadstate.estimators.pitch import Pitching
 from roadstate.filters import KF, FilterState
@@ -42,6 +43,24 @@ def test_a_wheel_tells_speed_slip_and_what_it_slips_beyond(model: AlongModel) ->
     told = model.h(jnp.asarray(x), given(20.0, -5.0, -0.03))
     np.testing.assert_allclose(told, 20.0 * (1 - 0.015))
     np.testing.assert_allclose(model.h(jnp.asarray(x), given(20.0, 0.0, 0.0)), 20.0)
+
+
+def test_what_all_wheels_seem_to_slip_is_as_uncertain_as_radius_and_speed_together() -> None:
+    """κ = R ω/v − 1: with δR/R and δv of covariance P its variance is r P rᵀ, r = (1, −1/v)."""
+    known = AlongModel(load_vehicle("family-car"), (*CHANNELS, "speed"), has_torque=False)
+    place = known.place("wheel_radius")
+    P = np.eye(len(known.states))
+    P[np.ix_([SPEED, place], [SPEED, place])] = [[0.04, 0.0015], [0.0015, 1e-4]]
+    mean = jnp.zeros(len(P)).at[place].set(0.012)
+    radius, std = known.rolling(Gaussian(mean, jnp.linalg.cholesky(jnp.asarray(P))), jnp.asarray(20.0))
+    assert float(radius) == pytest.approx(0.012)
+    assert float(std) == pytest.approx(np.sqrt(1e-4 + 0.04 / 400 - 2 * 0.0015 / 20))
+    # where wheels alone tell the speed, their radius is the one it goes by
+    blind = AlongModel(load_vehicle("family-car"), CHANNELS, has_torque=False)
+    factor = jnp.eye(len(blind.states)).at[SPEED, SPEED].set(0.2)
+    radius, std = blind.rolling(Gaussian(jnp.ones(len(factor)), factor), jnp.asarray(20.0))
+    assert float(radius) == 0.0
+    assert float(std) == pytest.approx(0.01)
 
 
 class TestBraking:

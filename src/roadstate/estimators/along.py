@@ -189,8 +189,7 @@ class AlongModel(StateSpaceModel):
     def rolling(
         self, gaussian: Gaussian, speed: Float[Array, ""]
     ) -> tuple[Float[Array, ""], Float[Array, ""]]:
-        """By what share the rolling radius exceeds the file's, and 1σ of what by that and the speed all wheels
-        seem to slip alike.
+        """By what share the rolling radius exceeds the file's, and 1σ of what all wheels seem to slip by both.
 
         Args:
             gaussian: of the states.
