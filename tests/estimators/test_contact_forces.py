@@ -9,6 +9,7 @@ import pytest
 from roadstate.core import WHEELS
 from roadstate.estimators.contact_forces import AxleForces, ForceMeter
 from roadstate.estimators.intake import ACCEL_X, SPIN, Signals
+from roadstate.estimators.load_transfer import Lean
 from roadstate.vehicles import Vehicle, load_vehicle
 
 SPEED, STEP = 20.0, 0.01
@@ -30,8 +31,9 @@ def balance(
     rate = zero.at[SPIN].set(jnp.asarray(spin_rate) / vehicle.wheels.radius)
     signals = Signals(value, zero, jnp.ones(8, bool), value, rate, value, rate, jnp.zeros(8, bool))
     sample = {c: jnp.asarray(torque if c[-2] == "f" else 0.0) for c in meter.channels}
+    state = meter.init()._replace(lean=Lean(jnp.asarray(accel), jnp.zeros(())))
     _, forces = meter.read(
-        meter.init(), sample, signals, jnp.asarray(SPEED), jnp.zeros(2), jnp.asarray(slope), jnp.asarray(STEP)
+        state, sample, signals, jnp.asarray(SPEED), jnp.zeros(2), jnp.asarray(slope), jnp.asarray(STEP)
     )
     return forces
 

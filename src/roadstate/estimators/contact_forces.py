@@ -24,6 +24,7 @@ from roadstate.estimators.intake import (
     YAW_RATE,
     Signals,
 )
+from roadstate.estimators.load_transfer import Lean
 from roadstate.estimators.signals import STANDSTILL_SPEED, Held
 from roadstate.estimators.traction import BrakeWatch, Traction, TractionMeter, TractionState
 from roadstate.vehicles import SevenDofForces
@@ -55,12 +56,14 @@ class ForceMeterState(NamedTuple):
         traction, brakes: the parts'.
         torque: (8,) drive and brake torques, low-passed, N·m.
         age: s since a drive torque came.
+        lean: of the body, that shifts load from axle to axle.
     """
 
     traction: TractionState | None
     brakes: BrakeWatch
     torque: Float[Array, " 8"]
     age: Float[Array, ""]
+    lean: Lean
 
 
 class Current(NamedTuple):
@@ -206,7 +209,8 @@ class ForceMeter(eqx.Module):
     def init(self) -> ForceMeterState:
         """Nothing has come yet."""
         traction = None if self._traction is None else self._traction.init()
-        return ForceMeterState(traction, BrakeWatch(jnp.zeros(())), jnp.zeros(8), jnp.full((), _NEVER))
+        age = jnp.full((), _NEVER)
+        return ForceMeterState(traction, BrakeWatch(jnp.zeros(())), jnp.zeros(8), age, Lean.upright())
 
     def nothing(self) -> AxleForces:
         """What is known before the first sample."""
@@ -242,7 +246,8 @@ class ForceMeter(eqx.Module):
         car, smooth = self.car, signals.smooth
         radius, mass = car.wheel_radius[0], car.mass
         accel = smooth[INERTIAL] - accel_error
-        load = car.wheel_loads(accel[0], accel[1])
+        lean = state.lean.after(accel[0], dt)
+        load = car.wheel_loads(lean.transferred(accel[0]), accel[1])
         drag = car.drag(speed) / mass
         direction = jnp.tanh(speed / STANDSTILL_SPEED)
         traction, drive = self._torques(state.traction, sample, speed, dt)
@@ -306,7 +311,7 @@ class ForceMeter(eqx.Module):
             is_shifting=drive.is_shifting,
             is_brake_unknown=unknown,
         )
-        return ForceMeterState(traction, brakes, torque, drive.age), forces
+        return ForceMeterState(traction, brakes, torque, drive.age, lean), forces
 
     def _balance(self, accel: Array, rate: Array, torque: Array, at: _Scene) -> _Balance:
         """Of accelerations (2,), rates (8,) of all signals and torques (8,), all equally late."""
