@@ -22,6 +22,8 @@ from roadstate.estimators.sideways import (
     BANK,
     BIAS_R,
     BIAS_Y,
+    FORCE_ERROR,
+    FORCE_ERROR_TIME,
     GIVE_F,
     LEVER,
     SHAPE,
@@ -48,9 +50,7 @@ _JOINS = (
 )  # 1/m: how soon what a side's wheels have found of its road is taken to hold for each of them
 _DRIFT = 0.1**2 / 300.0  # 1/m: variance of ln μ that is added by driving on
 _SIDESLIP = 0.1  # rad: 1σ of the rear axle's slip angle
-_ERROR = (0.008, 0.03)  # 1σ of a force over load measured, and share of it
 _ANGLE_ERROR = 0.002  # rad: 1σ of a slip angle, besides what v_y and the steering's bias do to it
-_ERROR_TIME = 0.05  # s: how long these errors last
 _ANEW = (0.06, 12.0)  # change of a force over load that tells anew; else it does after s
 _LEAST_STEP = 1e-3
 _FLOOR = -60.0  # of a log probability
@@ -180,7 +180,7 @@ class FrictionBank(eqx.Module):
         step = jnp.maximum(dt, _LEAST_STEP)
         mixed = self._mixed(state, jnp.abs(touch.speed) * dt, dt)
         x, P = self.motion.moved(mixed.x, mixed.P, touch, dt)
-        takes = jnp.maximum((2 * _ERROR_TIME + 1 / anew[:2]) / step, 1.0)
+        takes = jnp.maximum((2 * FORCE_ERROR_TIME + 1 / anew[:2]) / step, 1.0)
         speed = jnp.maximum(jnp.abs(touch.speed), SLOWEST)
         across_evidence = []
         # beyond its peak a tire tells nothing of the sideslip: a car that is driven does not slide far
@@ -207,7 +207,7 @@ class FrictionBank(eqx.Module):
                 rows[GIVE_F] = -by_angle * touch.across[0]
             row = jnp.stack(rows)
             measured = touch.across[axle]
-            noise = self._shake**2 + _ERROR[0] ** 2 + (_ERROR[1] * measured) ** 2
+            noise = self._shake**2 + FORCE_ERROR[0] ** 2 + (FORCE_ERROR[1] * measured) ** 2
             noise = noise + touch.across_std[axle] ** 2
             noise = noise * (1 + gives * by_angle) ** 2 + (by_angle * _ANGLE_ERROR) ** 2
             known = jnp.isfinite(noise) & (jnp.abs(touch.speed) > SLOWEST)
@@ -220,7 +220,7 @@ class FrictionBank(eqx.Module):
         across = [self._cornering(x, touch, axle) * angles[axle] for axle in range(2)]
         aside = Aside(jnp.stack(angles), jnp.stack(across))
         y, Y, likelihoods, jumps = self.wheels.learn(
-            mixed.y, mixed.Y, along, touch, self.friction, _ERROR, aside, jump, anew[2:], step
+            mixed.y, mixed.Y, along, touch, self.friction, aside, jump, anew[2:], step
         )
         evidence = jnp.concatenate([jnp.stack(across_evidence), likelihoods])
         raised = once(

@@ -13,7 +13,7 @@ from roadstate.estimators import slip_jump
 from roadstate.estimators.base import leaf
 from roadstate.estimators.friction_curve import TOP, Grip, bounded, elastic, theoretical_slip
 from roadstate.estimators.mixture import learn
-from roadstate.estimators.sideways import SLOWEST, Touch
+from roadstate.estimators.sideways import FORCE_ERROR, FORCE_ERROR_TIME, SLOWEST, Touch
 
 if TYPE_CHECKING:
     from roadstate.vehicles import Vehicle
@@ -81,7 +81,6 @@ class Wheels(eqx.Module):
         linear: Float[Array, "4 J"],
         touch: Touch,
         friction: Float[Array, " J"],
-        error: tuple[float, float],
         aside: Aside,
         jump: slip_jump.Jump,
         anew: Float[Array, " 4"],
@@ -94,7 +93,6 @@ class Wheels(eqx.Module):
             linear: :meth:`linear` of it.
             touch: of the tires on the road.
             friction: hypotheses.
-            error: 1σ of a force over load, and share of it.
             aside: what the tires do sideways.
             jump: of the slips.
             anew: how often per second a wheel's place on its curve changes.
@@ -108,7 +106,7 @@ class Wheels(eqx.Module):
         measured = touch.along[:, None]
         turned = _SLIP_ASIDE * aside.angle
         slips = jnp.sqrt(touch.slip_std[:, None] ** 2 + touch.slip_shared**2 + turned**2)
-        floor = touch.along_std[:, None] ** 2 + error[0] ** 2 + (error[1] * measured) ** 2
+        floor = touch.along_std[:, None] ** 2 + FORCE_ERROR[0] ** 2 + (FORCE_ERROR[1] * measured) ** 2
         noise = floor + (by_error * slips) ** 2
         # a curve is no line over the width of a slip that is hardly known, unless the tire surely slides;
         # but no tire bears more than the friction, whatever its slip
@@ -119,7 +117,10 @@ class Wheels(eqx.Module):
         row = jnp.where(sure[:, None], row, 0.0)
         innovation = jnp.where(known, jnp.where(sure, measured - gain * here.along, beyond), 0.0)
         shared = (by_error * touch.slip_shared) ** 2 / noise
-        lasts = 2 * (_SLIP_TIME[0] + (_SLIP_TIME[1] - _SLIP_TIME[0]) * jnp.where(sure, shared, 0.0))
+        # but a force beyond the friction no slip explains
+        of_slip = jnp.full_like(friction, _SLIP_TIME[0])
+        own = jnp.where(jnp.abs(measured) > friction, FORCE_ERROR_TIME, of_slip)
+        lasts = 2 * (own + (_SLIP_TIME[1] - own) * jnp.where(sure, shared, 0.0))
         counts = jnp.maximum((lasts + 1 / anew[:, None]) / step, 1.0)
         y, Y, likelihood = learn(y, Y, row, innovation, noise, counts)
         jumps = slip_jump.evidence(

@@ -31,6 +31,10 @@ _LASTING = 3600.0  # s
 _LEVER = 0.3  # m: 1σ of how far the accelerometer sits ahead of the centre of gravity
 SLOWEST = 3.0
 """Speed in m/s below which slip angles say nothing."""
+FORCE_ERROR = (0.008, 0.03)
+"""1σ of a force over load measured, and share of it."""
+FORCE_ERROR_TIME = 0.05
+"""s for which such an error lasts."""
 _AT_REST = 0.05  # m/s: 1σ of v_y then
 _LASTS = np.isin(np.arange(SIZE), [BIAS_Y, STIFF_F, STIFF_R, SHAPE, GIVE_F, STEER_BIAS, BIAS_R])
 _ALIKE = 0.7  # correlation of what front and rear tires are stiffer than the file says: they are of one make
