@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from roadstate.core.constants import GRAVITY
+from roadstate.core.numerics import in_single
 from roadstate.estimators.friction_bank import VIEWS, BankState, FrictionBank
 from roadstate.estimators.friction_curve import bounded, elastic, grip
-from roadstate.estimators.sideways import BIAS_R, GIVE_F, SIZE, STIFF_F, STIFF_R, V_Y, Touch
+from roadstate.estimators.sideways import BIAS_R, GIVE_F, SIZE, STIFF_F, STIFF_R, V_Y, Sideways, Touch
 from roadstate.vehicles import Vehicle
 
 
@@ -22,6 +26,16 @@ def touch(along: float | list[float] = 0.0, slip: float | list[float] = 0.0) -> 
         along=jnp.asarray(along) * four, slip=jnp.asarray(slip) * four, slip_std=0.002 * four,
         slip_shared=zero + 0.002, across_std=two, along_std=0.0 * four, transfer=two, lag=zero + 0.05,
     )  # fmt: skip
+
+
+def equations(jaxpr: Any) -> Iterator[Any]:
+    """Of a program and of all that it calls."""
+    for eqn in jaxpr.eqns:
+        yield eqn
+        for inner in jax.tree.leaves(list(eqn.params.values()), is_leaf=lambda v: hasattr(v, "eqns")):
+            within = getattr(inner, "jaxpr", inner)
+            if hasattr(within, "eqns"):
+                yield from equations(within)
 
 
 class TestCurve:
@@ -69,7 +83,7 @@ class TestCurve:
 class TestBank:
     def test_a_gyroscope_that_errs_moves_no_car_that_stands(self, vehicle: Vehicle) -> None:
         """At a walking pace the rear axle follows where it points, and a known bias turns it nowhere."""
-        motion = FrictionBank(vehicle).motion
+        motion = Sideways(vehicle)
         here = touch()._replace(speed=jnp.zeros(()), yaw_rate=jnp.asarray(0.02))
         x = jnp.zeros((SIZE, 2)).at[BIAS_R, 1].set(0.02)
         P = jnp.broadcast_to(motion.first[:, :, None], (SIZE, SIZE, 2))
@@ -121,7 +135,7 @@ class TestBank:
         """Rolling freely it seems to slip 4 ‰: that is its radius, not friction."""
         bank = FrictionBank(vehicle)
         state = self.driven(bank, (30.0, touch(0.0, [0.004, 0.0, 0.0, 0.0])))
-        offsets = np.asarray(state.y)[[0, 2], 2] @ np.exp(np.asarray(state.log_weight)).sum(axis=0)[5]
+        offsets = np.asarray(state.y)[[0, 2], 2] @ np.asarray(state.weight).sum(axis=0)[5]
         assert 0.0025 < offsets[0] < 0.0042
         assert offsets[1] == pytest.approx(0.0, abs=0.0015)
 
@@ -161,10 +175,20 @@ class TestBank:
         assert (before[2] < 0.4).all()
         assert (after[0] > 0.5).all()
 
+    def test_nothing_of_a_step_is_in_double_precision(self, vehicle: Vehicle) -> None:
+        """One number in double precision that meets the hypotheses doubles the work from there on."""
+        bank = FrictionBank(vehicle)
+        step = jax.make_jaxpr(lambda s, t, dt: bank.step(s, in_single(t), in_single(dt))[0])
+        traced = step(bank.init(), touch(), jnp.asarray(0.01))
+        many = [v.aval for e in equations(traced.jaxpr) for v in e.outvars if v.aval.size > 1]
+        assert len(many) > 100
+        floats = {aval.dtype for aval in many if jnp.issubdtype(aval.dtype, jnp.floating)}
+        assert floats == {jnp.dtype("float32")}
+
     def test_weights_stay_a_distribution(self, vehicle: Vehicle) -> None:
         bank = FrictionBank(vehicle)
         state, _ = bank.step(bank.init(), touch(0.5, 0.03), jnp.asarray(0.01))
-        total = np.exp(np.asarray(state.log_weight)).sum(axis=(0, 2))
+        total = np.asarray(state.weight).sum(axis=(0, 2))
         np.testing.assert_allclose(total, 1, rtol=1e-6)
 
 

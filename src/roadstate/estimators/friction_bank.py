@@ -12,6 +12,7 @@ from jaxtyping import Array, Float
 
 from roadstate.core.constants import GRAVITY
 from roadstate.core.kernel import once
+from roadstate.core.numerics import in_default, in_single
 from roadstate.estimators import slip_jump
 from roadstate.estimators.base import leaf
 from roadstate.estimators.friction_curve import Grip, bounded, theoretical_slip
@@ -53,7 +54,7 @@ _SIDESLIP = 0.1  # rad: 1σ of the rear axle's slip angle
 _ANGLE_ERROR = 0.002  # rad: 1σ of a slip angle, besides what v_y and the steering's bias do to it
 _ANEW = (0.06, 12.0)  # change of a force over load that tells anew; else it does after s
 _LEAST_STEP = 1e-3
-_FLOOR = -60.0  # of a log probability
+_FLOOR = 1e-26  # of a probability
 # Which evidence counts for which part: F_y front, rear, F_x of four wheels. The parts: the car as if it stood
 # on one road, its wheels, its sides.
 _WEIGHTS = np.array(
@@ -84,8 +85,8 @@ class BankState(NamedTuple):
     """Hypotheses of J frictions.
 
     Attributes:
-        log_weight: (3, 7, J) of the modes of :mod:`~roadstate.estimators.slip_jump` and the parts: car,
-            wheels, sides.
+        weight: (3, 7, J) of the modes of :mod:`~roadstate.estimators.slip_jump` and the parts: car, wheels,
+            sides; of each part 1 in sum.
         x: (n, J) what each friction makes of :data:`STATES`; stiffnesses as logarithms of their factors,
             shape as difference from the file's, lever in m.
         P: (n, n, J) its covariance.
@@ -95,7 +96,7 @@ class BankState(NamedTuple):
             the wheels slip beyond their force, slowed.
     """
 
-    log_weight: Float[Array, "3 7 J"]
+    weight: Float[Array, "3 7 J"]
     x: Float[Array, "n J"]
     P: Float[Array, "n n J"]
     y: Float[Array, "4 m J"]
@@ -120,9 +121,11 @@ class FrictionBank(eqx.Module):
     wheel rolls where the front one has been, so as the car drives on a wheel takes over what its side has
     found.
 
+    All of it in single precision, which halves the time of a step: what is weighed errs by far more.
+
     Attributes:
         friction: (J,) the hypotheses.
-        prior: (J,) log probability of each.
+        prior: (J,) probability of each.
         motion: of what friction hides in, sideways.
         wheels: and along the road.
     """
@@ -134,35 +137,36 @@ class FrictionBank(eqx.Module):
     _shake: Float[Array, ""]
 
     def __init__(self, vehicle: Vehicle) -> None:
-        tires, prior = vehicle.tires, vehicle.prior
+        tires = vehicle.tires
         grid = np.geomspace(_LEAST, _LARGEST, _COUNT)
-        spread = float(np.hypot(prior.friction_relative, 1e-3))
+        spread = float(np.hypot(vehicle.prior.friction_relative, 1e-3))
         dry = np.exp(-0.5 * (np.log(grid / tires.friction) / spread) ** 2)
         # wet, snow and ice: less than dry, any order of it
         other = 1 / (1 + (grid / tires.friction) ** 8)
-        self.prior = jnp.log(
-            jnp.asarray((1 - _ELSEWHERE) * dry / dry.sum() + _ELSEWHERE * other / other.sum())
-        )
-        self.friction = jnp.asarray(grid)
-        self.motion, self.wheels = Sideways(vehicle), Wheels(vehicle)
+        prior = (1 - _ELSEWHERE) * dry / dry.sum() + _ELSEWHERE * other / other.sum()
+        self.friction, self.prior = in_single((jnp.asarray(grid), jnp.asarray(prior)))
+        self.motion, self.wheels = in_single((Sideways(vehicle), Wheels(vehicle)))
         # what the low pass leaves of the accelerometer's white noise in a force over load
-        self._shake = leaf(vehicle.sensors.accel.noise_density / GRAVITY / (2 * SMOOTHING) ** 0.5)
+        shake = leaf(vehicle.sensors.accel.noise_density / GRAVITY / (2 * SMOOTHING) ** 0.5)
+        self._shake = in_single(shake)
 
     def init(self) -> BankState:
         """The prior."""
         ones = jnp.ones(_COUNT)
-        return BankState(
+        state = BankState(
             jnp.full((slip_jump.MODES, len(_WEIGHTS), _COUNT), _FLOOR).at[slip_jump.STAYS].set(self.prior),
             jnp.zeros((SIZE, _COUNT)),
             self.motion.first[:, :, None] * ones,
             *self.wheels.init(_COUNT),
             jnp.concatenate([jnp.zeros(10), jnp.full(4, slip_jump.NOTHING)]),
         )
+        return in_single(state)
 
     def step(
         self, state: BankState, touch: Touch, dt: Float[Array, ""]
     ) -> tuple[BankState, Float[Array, ""]]:
         """Advance by ``dt`` and weigh what the tires tell; also the log-likelihood of it."""
+        touch, dt = in_single((touch, dt))
         # models err by where on the curve a tire works, so a sample counts anew as that changes
         linear = self.wheels.slip_stiffness * theoretical_slip(touch.slip)
         slips = slip_jump.unexplained(touch, self.wheels.slip_stiffness, state.level[10:])
@@ -223,13 +227,12 @@ class FrictionBank(eqx.Module):
             mixed.y, mixed.Y, along, touch, self.friction, aside, jump, anew[2:], step
         )
         evidence = jnp.concatenate([jnp.stack(across_evidence), likelihoods])
-        raised = once(
-            mixed.log_weight + jnp.asarray(_WEIGHTS, x.dtype) @ evidence + once(self._of_jumps(jumps))
-        )
-        most = jnp.max(raised, axis=(0, 2), keepdims=True)
-        total = most + jnp.log(jnp.sum(jnp.exp(raised - most), axis=(0, 2), keepdims=True))
-        weight = jnp.maximum(raised - total, _FLOOR)
-        return BankState(weight, x, P, y, Y, level), total[0, 0, 0]
+        evidence = jnp.asarray(_WEIGHTS, x.dtype) @ evidence + once(self._of_jumps(jumps))
+        most = jnp.max(evidence, axis=(0, 2), keepdims=True)
+        raised = once(mixed.weight * jnp.exp(evidence - most))
+        total = jnp.sum(raised, axis=(0, 2), keepdims=True)
+        weight = jnp.maximum(raised / total, _FLOOR)
+        return BankState(weight, x, P, y, Y, level), in_default((most + jnp.log(total))[0, 0, 0])
 
     def _of_jumps(self, jumps: slip_jump.Told) -> Float[Array, "3 7 J"]:
         """What the wheels' jumps tell each part. A road that has begun under several wheels has not reached
@@ -266,30 +269,30 @@ class FrictionBank(eqx.Module):
 
     def _mixed(self, state: BankState, distance: Array, dt: Array) -> BankState:
         """The road's friction drifts or changes over a distance; a hypothesis that is born anew inherits."""
-        p = jnp.exp(state.log_weight)
-        spacing = np.log(_LARGEST / _LEAST) / (_COUNT - 1)
+        p = state.weight
+        spacing = float(np.log(_LARGEST / _LEAST)) / (_COUNT - 1)
         share = jnp.minimum(0.5 * _DRIFT * distance / spacing**2, 0.25)
         edge = jnp.concatenate([p[..., :1], p, p[..., -1:]], axis=2)
         p = p + share * (edge[..., 2:] - 2 * p + edge[..., :-2])
         joins = -jnp.expm1(-_JOINS * distance)
         found = joins * jnp.tile(jnp.sum(p[:, _SIDES], axis=0), (2, 1))
         p = p.at[:, _WHEELS].multiply(1 - joins).at[slip_jump.STAYS, _WHEELS].add(found)
-        born = -jnp.expm1(-_JUMP * distance) * jnp.exp(self.prior)
+        born = -jnp.expm1(-_JUMP * distance) * self.prior
         p = once(slip_jump.moved(once(p), born[None], dt))
         whole = once(jnp.sum(p, axis=0))
         new = born / jnp.maximum(whole, 1e-30)
         x, P = inherit(state.x, state.P, whole[0], new[0])
         y, Y = jax.vmap(inherit)(state.y, state.Y, whole[_WHEELS], new[_WHEELS])
-        return BankState(jnp.log(jnp.maximum(p, 1e-30)), x, P, y, Y, state.level)
+        return BankState(p, x, P, y, Y, state.level)
 
     def _weights(self, state: BankState) -> Float[Array, "7 J"]:
         """Of the hypotheses, for each part, whatever its mode."""
-        p = jnp.sum(jnp.exp(state.log_weight), axis=0)
+        p = jnp.sum(state.weight, axis=0)
         return p / jnp.sum(p, axis=1, keepdims=True)
 
     def merged(self, state: BankState) -> tuple[Array, Array]:
         """Mean (n,) and 1σ (n,) of :data:`STATES` over all hypotheses."""
-        return moments(state.x, state.P, self._weights(state)[0])
+        return in_default(moments(state.x, state.P, self._weights(state)[0]))
 
     def quantiles(self, state: BankState, levels: tuple[float, ...]) -> Float[Array, "q 5"]:
         """Quantiles of μ in each of :data:`VIEWS`, linear in ln μ between the grid's points."""
@@ -303,15 +306,13 @@ class FrictionBank(eqx.Module):
         before = jnp.sum(jnp.where(is_there, total, 0.0), axis=-1) - here
         inside = jnp.clip((wanted - before) / jnp.maximum(here, 1e-30), 0.0, 1.0)
         grid = jnp.log(self.friction)
-        return jnp.exp(grid[0] + (grid[1] - grid[0]) * (place + inside - 0.5)) @ jnp.asarray(
-            _MEANS.T, p.dtype
-        )
+        here = jnp.exp(grid[0] + (grid[1] - grid[0]) * (place + inside - 0.5))
+        return in_default(here @ jnp.asarray(_MEANS.T, p.dtype))
 
     def std(self, state: BankState) -> Float[Array, " 5"]:
         """1σ of μ in each of :data:`VIEWS`, the grid's own width included."""
         p = self._weights(state)
         mean = jnp.sum(p * self.friction, axis=1, keepdims=True)
         width = self.friction * float(np.log(_LARGEST / _LEAST) / (_COUNT - 1)) / 12**0.5
-        return jnp.asarray(_MEANS, p.dtype) @ root(
-            jnp.sum(p * ((self.friction - mean) ** 2 + width**2), axis=1)
-        )
+        of_parts = root(jnp.sum(p * ((self.friction - mean) ** 2 + width**2), axis=1))
+        return in_default(jnp.asarray(_MEANS, p.dtype) @ of_parts)
