@@ -35,6 +35,8 @@ FORCE_ERROR = (0.008, 0.03)
 """1σ of a force over load measured, and share of it."""
 FORCE_ERROR_TIME = 0.05
 """s for which such an error lasts."""
+SLIP_ERROR = 0.0015
+"""1σ of a slip that does not change, of teeth and what the low pass leaves of noise."""
 _AT_REST = 0.05  # m/s: 1σ of v_y then
 _LASTS = np.isin(np.arange(SIZE), [BIAS_Y, STIFF_F, STIFF_R, SHAPE, GIVE_F, STEER_BIAS, BIAS_R])
 _ALIKE = 0.7  # correlation of what front and rear tires are stiffer than the file says: they are of one make

@@ -21,7 +21,7 @@ from jaxtyping import Array, Bool, Float
 
 from roadstate.core.kernel import once
 from roadstate.estimators.friction_curve import theoretical_slip
-from roadstate.estimators.sideways import SLOWEST, Touch
+from roadstate.estimators.sideways import SLIP_ERROR, SLOWEST, Touch
 
 MEMORY = 0.5
 """s over which what a wheel slips is remembered."""
@@ -35,9 +35,12 @@ BEARS = 0.04
 SLIDES = 0.03
 """Slip from which on a tire slides, and its force may fall."""
 _NEW = 0.8  # s for which a road counts as one that has just begun
-_BUMP = (0.04, 0.15)  # bumps per s, and s for which one lasts
+_BUMP = (0.08, 0.15)  # bumps per s, and s for which one lasts
 _WIDER = 20.0  # nats per s by which a bump explains a jump worse than the road does: it might be any
 _NOISE = (4e-4, 0.011)  # 1σ of a slip's jump: by itself, and m/s over the speed
+_SWIFT = (
+    0.8  # and a share of what a slip that changes is uncertain by: a bump's does, for as long as it lasts
+)
 _FORCE = (0.25, 0.05)  # and shares of the slip that the force's change and the force itself make
 _COUNTS = 2.25  # σ from which on a jump counts: errors have longer tails than a Gaussian
 _LASTS = 0.2  # s for which an error lasts
@@ -196,9 +199,11 @@ def _likelihood(far: Array, tells: Array, step: Array) -> Float[Array, "4 J"]:
     return jnp.where(tells, -2.5 * jnp.log1p(square / 4) * counts, 0.0)
 
 
-def _noise(touch: Touch) -> Float[Array, ""]:
+def _noise(touch: Touch) -> Float[Array, "4 1"]:
     """Variance of a slip's jump where neither force nor friction changes."""
-    return _NOISE[0] ** 2 + (_NOISE[1] / jnp.maximum(jnp.abs(touch.speed), SLOWEST)) ** 2
+    lasting = _NOISE[0] ** 2 + (_NOISE[1] / jnp.maximum(jnp.abs(touch.speed), SLOWEST)) ** 2
+    swift = jnp.maximum(touch.slip_std**2 - SLIP_ERROR**2, 0.0)
+    return lasting + _SWIFT**2 * swift[:, None]
 
 
 def _beyond(away: Float[Array, "4 J"]) -> Float[Array, "4 J"]:

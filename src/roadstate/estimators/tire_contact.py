@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 from roadstate.estimators.base import leaf
 from roadstate.estimators.contact_forces import AxleForces, by_axle, steered_cosines
 from roadstate.estimators.intake import ACCEL_Y, SMOOTHING, SPIN, STALE, STEER, YAW_RATE, Signals
-from roadstate.estimators.sideways import Touch
+from roadstate.estimators.sideways import SLIP_ERROR, Touch
 
 if TYPE_CHECKING:
     from roadstate.vehicles import Vehicle
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 _SLIP_SHARE = 0.5  # 1σ of the slip that a wheel's force makes, as a share of it: near the limit it runs away
 _SLIP_TIME = 0.5  # s: how long that lasts
 _SLIP_LARGEST = 0.15
-_SLIP_ERROR = 0.0015  # 1σ of a slip, of teeth and what the low pass leaves of noise
 _SLIP_LAG = 0.025  # s by which force and slip are not of the same moment: 1σ
 _RUNAWAY = (0.4, 3.0)  # m/s by which a wheel may leave the rest, and 1σ over what is beyond
 _RACING = (5.0, 1.8, 0.5)  # m/s² by which a wheel, and all, may outrun the car, and s of mistrust then
@@ -210,7 +209,7 @@ class TireContact(eqx.Module):
             across=across,
             along=along,
             slip=jnp.where(stale, 0.0, slip),
-            slip_std=jnp.hypot(_SLIP_ERROR, _SLIP_LAG * slip_rate),
+            slip_std=jnp.hypot(SLIP_ERROR, _SLIP_LAG * slip_rate),
             slip_shared=rolling[1],
             across_std=jnp.hypot(forces.across_std, _LAG_ERROR * across_rate) + steered,
             along_std=jnp.hypot(forces.along_std, _LAG_ERROR * along_rate) + unknown,
