@@ -6,7 +6,6 @@ from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
 
 from roadstate.core import InputError
 from roadstate.estimators import Estimator
@@ -44,6 +43,6 @@ def on_road(estimator: Estimator[Any], friction: float) -> Estimator[Any]:
             mend="say --estimator joint, or leave the friction out",
         )
     count = bank.friction.shape[0]
-    told = jnp.full_like(bank.friction, friction), jnp.full_like(bank.prior, -np.log(count))
+    told = jnp.full_like(bank.friction, friction), jnp.full_like(bank.prior, 1 / count)
     changed: Estimator[Any] = eqx.tree_at(lambda e: (e.bank.friction, e.bank.prior), estimator, told)
     return changed

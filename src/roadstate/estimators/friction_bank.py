@@ -54,7 +54,7 @@ _SIDESLIP = 0.1  # rad: 1σ of the rear axle's slip angle
 _ANGLE_ERROR = 0.002  # rad: 1σ of a slip angle, besides what v_y and the steering's bias do to it
 _ANEW = (0.06, 12.0)  # change of a force over load that tells anew; else it does after s
 _LEAST_STEP = 1e-3
-_FLOOR = 1e-26  # of a probability
+_FLOOR = 1e-15  # of a probability
 # Which evidence counts for which part: F_y front, rear, F_x of four wheels. The parts: the car as if it stood
 # on one road, its wheels, its sides.
 _WEIGHTS = np.array(
@@ -228,7 +228,8 @@ class FrictionBank(eqx.Module):
         )
         evidence = jnp.concatenate([jnp.stack(across_evidence), likelihoods])
         evidence = jnp.asarray(_WEIGHTS, x.dtype) @ evidence + once(self._of_jumps(jumps))
-        most = jnp.max(evidence, axis=(0, 2), keepdims=True)
+        # only to keep the exponentials in range: nothing depends on it, nor does any derivative
+        most = jax.lax.stop_gradient(jnp.max(evidence, axis=(0, 2), keepdims=True))
         raised = once(mixed.weight * jnp.exp(evidence - most))
         total = jnp.sum(raised, axis=(0, 2), keepdims=True)
         weight = jnp.maximum(raised / total, _FLOOR)
@@ -280,7 +281,7 @@ class FrictionBank(eqx.Module):
         born = -jnp.expm1(-_JUMP * distance) * self.prior
         p = once(slip_jump.moved(once(p), born[None], dt))
         whole = once(jnp.sum(p, axis=0))
-        new = born / jnp.maximum(whole, 1e-30)
+        new = born / jnp.maximum(whole, _FLOOR)
         x, P = inherit(state.x, state.P, whole[0], new[0])
         y, Y = jax.vmap(inherit)(state.y, state.Y, whole[_WHEELS], new[_WHEELS])
         return BankState(p, x, P, y, Y, state.level)
@@ -304,7 +305,7 @@ class FrictionBank(eqx.Module):
         is_there = jnp.arange(_COUNT) == place[..., None]
         here = jnp.sum(jnp.where(is_there, p, 0.0), axis=-1)
         before = jnp.sum(jnp.where(is_there, total, 0.0), axis=-1) - here
-        inside = jnp.clip((wanted - before) / jnp.maximum(here, 1e-30), 0.0, 1.0)
+        inside = jnp.clip((wanted - before) / jnp.maximum(here, _FLOOR), 0.0, 1.0)
         grid = jnp.log(self.friction)
         here = jnp.exp(grid[0] + (grid[1] - grid[0]) * (place + inside - 0.5))
         return in_default(here @ jnp.asarray(_MEANS.T, p.dtype))
