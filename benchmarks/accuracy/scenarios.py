@@ -96,6 +96,12 @@ def logs(
     return [(log, told(car, MISMATCHED, seed)) for seed, log in enumerate(made)]
 
 
+def on_plant(vehicle: str, scenario: Scenario, seeds: int) -> list[tuple[Log, Vehicle]]:
+    """As :func:`logs`, of any scenario."""
+    car = load_vehicle(vehicle)
+    return [(log, told(car, MISMATCHED, seed)) for seed, log in enumerate(_recorded(car, scenario, seeds))]
+
+
 def driven(vehicle: Vehicle, scenario: Scenario) -> Drive:
     """The drive as it was on the plant.
 
