@@ -189,7 +189,7 @@ class AlongModel(StateSpaceModel):
     def rolling(
         self, gaussian: Gaussian, speed: Float[Array, ""]
     ) -> tuple[Float[Array, ""], Float[Array, ""]]:
-        """By what share the rolling radius exceeds the file's, and 1σ of a slip of all wheels that both fake.
+        """By what share the rolling radius exceeds the file's, and 1σ of a slip that it and the speed feign.
 
         Args:
             gaussian: of the states.

@@ -45,8 +45,8 @@ class Lean(NamedTuple):
 
         A car that brakes harder takes a third of a second until its body has dived, and only then do springs
         and dampers press the front wheels as a steady deceleration would. Between anti-lock control's cycles
-        that is a tenth of an axle's load. (Genta & Morello, *The Automotive Chassis*, vol. 2, ch. 26; figures
-        of passenger cars.)
+        that is a tenth of an axle's load. (How bodies bounce and pitch: Gillespie, *Fundamentals of Vehicle
+        Dynamics*, ch. 5; the figures are of cars, and of no one in particular.)
 
         Args:
             accel: at this instant, m/s².

@@ -38,9 +38,7 @@ _NEW = 0.8  # s for which a road counts as one that has just begun
 _BUMP = (0.08, 0.15)  # bumps per s, and s for which one lasts
 _WIDER = 20.0  # nats per s by which a bump explains a jump worse than the road does: it might be any
 _NOISE = (4e-4, 0.011)  # 1σ of a slip's jump: by itself, and m/s over the speed
-_SWIFT = (
-    0.8  # and a share of what a slip that changes is uncertain by: a bump's does, for as long as it lasts
-)
+_SWIFT = 0.8  # share of what a slip is uncertain by as it changes: a bump's does, for as long as it lasts
 _FORCE = (0.25, 0.05)  # and shares of the slip that the force's change and the force itself make
 _COUNTS = 2.25  # σ from which on a jump counts: errors have longer tails than a Gaussian
 _LASTS = 0.2  # s for which an error lasts
