@@ -13,6 +13,9 @@ from roadstate.sim.plant import Controls, multibody_plant
 from roadstate.sim.plant.multibody import MultibodyPlant
 from roadstate.sim.plant.rollout import start
 from roadstate.sim.plant.vectors import rotation
+from roadstate.sim.roads.centreline import Bend, make_road
+from roadstate.sim.roads.friction import uniform
+from roadstate.sim.roads.roughness import rough_surface
 from roadstate.vehicles import load_vehicle, presets
 
 _PARKED = Controls.make(brake=1.0)
@@ -101,3 +104,19 @@ def test_an_accelerometer_off_the_centre(car: MultibodyPlant) -> None:
     read = np.asarray(truth.specific_force_at(mounting))[100:131]
     assert np.abs(read[:, 1]).mean() > 1  # it turns
     np.testing.assert_allclose(read, felt, atol=0.03)
+
+
+def test_starts_wherever_on_a_poor_road(car: MultibodyPlant) -> None:
+    """Where all wheels can stand they carry the weight; where one hangs in the air the car starts near that."""
+    road = make_road([Bend(500.0)], friction=uniform(0.9), surface=rough_surface("D", 3, 200.0))
+
+    @eqx.filter_jit
+    def stood(plant: MultibodyPlant, place: float) -> object:
+        return plant.truth(road, start(plant, road, 5.0, place), Controls.make()).load
+
+    weight = GRAVITY * float(np.sum(car.chassis.masses))
+    carried = np.array([np.sum(stood(car, place)) / weight for place in np.arange(0.0, 65.0, 5.0)])
+    assert np.isfinite(carried).all()
+    assert carried.min() > 0.5
+    assert carried.max() < 3.5
+    assert np.sum(np.abs(carried - 1) < 1e-3) > 5

@@ -17,7 +17,9 @@ from roadstate.tires.smooth import Numbers
 if TYPE_CHECKING:
     from roadstate.sim.plant.multibody import MultibodyPlant, State
 
-_STEPS = 12
+_STEPS = 40
+# m and rad that a step moves at most: a tire that leaves the road, or a stop that is hit, bends the way there
+_FARTHEST = 0.02
 # speed (m/s) below which the car counts as parked
 _PARKED = 1e-9
 
@@ -27,7 +29,8 @@ def trimmed(plant: MultibodyPlant, road: Road, speed: ArrayLike, s: ArrayLike, d
 
     Height, pitch, roll and four travels are such that nothing accelerates vertically, in pitch or in roll;
     of a parked car the tires' deflections (alike at all wheels) are such that it does not accelerate along
-    and across the road either. A rolling car's wheels roll freely.
+    and across the road either. A rolling car's wheels roll freely. Where the road is so uneven that a wheel
+    hangs in the air there may be no such place; then the car starts near one.
 
     Args:
         plant: the car.
@@ -53,7 +56,9 @@ def trimmed(plant: MultibodyPlant, road: Road, speed: ArrayLike, s: ArrayLike, d
         x, _spin = carry
         residuals, spins = jax.vmap(evaluate)(x + shifts)
         J = (residuals[1:] - residuals[0]).T / step
-        return x - jnp.linalg.solve(J, residuals[0]), spins[0]
+        move = jnp.linalg.solve(J, residuals[0])
+        share = jnp.minimum(1.0, _FARTHEST / jnp.maximum(jnp.max(jnp.abs(move)), _FARTHEST))
+        return x - share * move, spins[0]
 
     x, spin = jax.lax.fori_loop(0, _STEPS, newton, (jnp.zeros(9, v.dtype), jnp.zeros(4, v.dtype)))
     state = _state(plant, road, v, s, d, x)
