@@ -107,7 +107,7 @@ def test_an_accelerometer_off_the_centre(car: MultibodyPlant) -> None:
 
 
 def test_starts_wherever_on_a_poor_road(car: MultibodyPlant) -> None:
-    """Where all wheels can stand they carry the weight; where one hangs in the air the car starts near that."""
+    """Where all wheels can stand they carry the weight; where one hangs in the air it starts near that."""
     road = make_road([Bend(500.0)], friction=uniform(0.9), surface=rough_surface("D", 3, 200.0))
 
     @eqx.filter_jit
