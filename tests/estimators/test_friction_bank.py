@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Any
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from roadstate.core.constants import GRAVITY
+from roadstate.core.kernel import equations
 from roadstate.core.numerics import in_single
 from roadstate.estimators.friction_bank import VIEWS, BankState, FrictionBank
 from roadstate.estimators.friction_curve import bounded, elastic, grip
@@ -26,16 +24,6 @@ def touch(along: float | list[float] = 0.0, slip: float | list[float] = 0.0) -> 
         along=jnp.asarray(along) * four, slip=jnp.asarray(slip) * four, slip_std=0.002 * four,
         slip_shared=zero + 0.002, across_std=two, along_std=0.0 * four, transfer=two, lag=zero + 0.05,
     )  # fmt: skip
-
-
-def equations(jaxpr: Any) -> Iterator[Any]:
-    """Of a program and of all that it calls."""
-    for eqn in jaxpr.eqns:
-        yield eqn
-        for inner in jax.tree.leaves(list(eqn.params.values()), is_leaf=lambda v: hasattr(v, "eqns")):
-            within = getattr(inner, "jaxpr", inner)
-            if hasattr(within, "eqns"):
-                yield from equations(within)
 
 
 class TestCurve:

@@ -50,7 +50,7 @@ def one_kernel(function: Callable[P, R]) -> Callable[P, R]:
 
 def _run(traced: jex.core.ClosedJaxpr, leaves: list[Array]) -> list[Array]:
     run: Callable[..., list[Array]] = jex.core.jaxpr_as_fun(traced)
-    if _OUTSIDE & set(_primitives(traced.jaxpr)):
+    if _OUTSIDE & {eqn.primitive.name for eqn in equations(traced.jaxpr)}:
         return run(*leaves)
 
     @jax.jit
@@ -94,12 +94,13 @@ def _witness(leaves: tuple[Array, ...]) -> Float[Array, ""]:
     return sum(firsts, jnp.zeros((), jnp.float32))
 
 
-def _primitives(jaxpr: Any) -> Iterator[str]:
+def equations(jaxpr: Any) -> Iterator[Any]:
+    """Of a traced program, and of all that it calls."""
     for eqn in jaxpr.eqns:
-        yield eqn.primitive.name
+        yield eqn
         for inner in jax.tree.leaves(list(eqn.params.values()), is_leaf=_is_jaxpr):
             if _is_jaxpr(inner):
-                yield from _primitives(getattr(inner, "jaxpr", inner))
+                yield from equations(getattr(inner, "jaxpr", inner))
 
 
 def _is_jaxpr(value: object) -> bool:
