@@ -93,13 +93,17 @@ def logs(
         made = _recorded(car, scenario, count)
         if folder is not None:
             _save(folder, made)
-    return [(log, told(car, MISMATCHED, seed)) for seed, log in enumerate(made)]
+    return _with_files(car, made)
 
 
 def on_plant(vehicle: str, scenario: Scenario, seeds: int) -> list[tuple[Log, Vehicle]]:
     """As :func:`logs`, of any scenario."""
     car = load_vehicle(vehicle)
-    return [(log, told(car, MISMATCHED, seed)) for seed, log in enumerate(_recorded(car, scenario, seeds))]
+    return _with_files(car, _recorded(car, scenario, seeds))
+
+
+def _with_files(car: Vehicle, made: list[Log]) -> list[tuple[Log, Vehicle]]:
+    return [(log, told(car, MISMATCHED, seed)) for seed, log in enumerate(made)]
 
 
 def driven(vehicle: Vehicle, scenario: Scenario) -> Drive:
