@@ -26,6 +26,7 @@ _OFF = {
     "cg_forward": (1.0, 2.0),
     "radius": (0.3, 1.0),
 }
+_LEANS_OFF = {"pitch_gradient": (5.0, 10.0), "roll_gradient": (5.0, 10.0)}
 
 
 def drive_on(condition: Condition, *, matched: bool) -> Drive:
@@ -65,8 +66,8 @@ def recordings(driven: Drive, condition: Condition, plant: str, seeds: int) -> I
 def told(vehicle: Vehicle, plant: str, seed: int) -> Vehicle:
     """The car as an estimator knows it: itself, or on the mismatched plant one whose figures are off.
 
-    Mass, yaw inertia, CG height and the tires' stiffnesses are then off by 5 to 10 %, the CG's place by 1 to
-    2 % of the wheelbase and the rolling radius by 0.3 to 1 %, each up or down by chance.
+    Mass, yaw inertia, CG height, the tires' stiffnesses and how the body leans are then off by 5 to 10 %, the
+    CG's place by 1 to 2 % of the wheelbase and the rolling radius by 0.3 to 1 %, each up or down by chance.
 
     Args:
         vehicle: that is driven.
@@ -76,8 +77,12 @@ def told(vehicle: Vehicle, plant: str, seed: int) -> Vehicle:
     if plant != MISMATCHED:
         return vehicle
     random = _random(seed, "mismatch")
-    off = {name: random.uniform(*limits) * random.choice((-1.0, 1.0)) for name, limits in _OFF.items()}
-    return mismatched(vehicle, **off)
+    off, leans = (
+        {name: random.uniform(*limits) * random.choice((-1.0, 1.0)) for name, limits in figures.items()}
+        for figures in (_OFF, _LEANS_OFF)
+    )
+    body = {name: getattr(vehicle.body, name) * (1 + percent / 100) for name, percent in leans.items()}
+    return mismatched(vehicle, **off).model_copy(update={"body": vehicle.body.model_copy(update=body)})
 
 
 def _random(seed: int, what: str) -> np.random.Generator:

@@ -64,6 +64,23 @@ def test_each_axle_is_as_soft_as_its_file_says(name: str) -> None:
     assert understeer == pytest.approx(vehicle.understeer_gradient, rel=1e-3)
 
 
+@pytest.mark.parametrize("name", sorted(presets()))
+def test_the_plant_pitches_as_its_file_says(name: str) -> None:
+    """Nose up per forward specific force: the mean of pushing and braking, whose links differ a little."""
+    vehicle = load_vehicle(name)
+    plant, t = multibody_plant(vehicle), samples(3.0)
+    first, gradients = start(plant, Plane(), 15.0), []
+    for pedal, much in (("throttle", 0.8), ("brake", 0.3)):
+        pressed = {pedal: much * np.clip(t, 0.0, 1.0)}
+        _, truth = drive(plant, Plane(), first, Controls.make(gear=4.0, **pressed))
+        force = np.asarray(truth.force_body)[:, :, 0].sum(axis=1) / vehicle.mass
+        pitch = -np.asarray(truth.attitude)[:, 1]
+        assert abs(force[-80:].mean()) > 0.4
+        gradients.append((pitch[-80:].mean() - pitch[0]) / (force[-80:].mean() - force[0]))
+    assert np.mean(gradients) == pytest.approx(vehicle.body.pitch_gradient, rel=0.1)
+    assert gradients[1] == pytest.approx(gradients[0], rel=0.3)
+
+
 def test_what_is_given_stays() -> None:
     """A steering stiffness of a plant file, a tire as measured: then the gradient is what comes of them."""
     vehicle = load_vehicle("suv")
