@@ -31,7 +31,8 @@ def given(speed: Numbers, accel: Numbers, slip: Numbers) -> AlongInput:
     """Straight on, with forces that make each wheel slip as said."""
     zero = jnp.zeros(())
     return AlongInput(
-        accel=zero + accel, smooth_accel=zero + accel, drive=zero, brake=zero, rolling=zero,
+        accel=zero + accel, smooth_accel=zero + accel, lean=zero + accel, lasting=zero + accel, drive=zero,
+        brake=zero, rolling=zero,
         speed=zero + speed, intensity=zero + 0.02, smooth_across=zero, turning=zero,
         pitching=Pitching(zero, zero), slip=jnp.full(4, slip), sensor_std=jnp.full(4, NOISE),
     )  # fmt: skip

@@ -9,7 +9,7 @@ import pytest
 from contracts.plausible import GRADE, plausible_log
 from roadstate.core import Log, Validity
 from roadstate.estimators import build
-from roadstate.estimators.pitch import PitchMeter, PitchState
+from roadstate.estimators.pitch import PitchMeter, PitchState, lean_std
 from roadstate.run import scan
 from roadstate.sim.plant.vectors import rotation
 from roadstate.vehicles import Vehicle, load_vehicle
@@ -95,6 +95,19 @@ def test_one_that_contradicts_the_slope_is_not_believed_for_a_while(vehicle: Veh
         state = meter.judge(state, jnp.zeros(()), sure, jnp.asarray(0.0081), SPEEDS, jnp.asarray(DT))
         state, _, intensity = read(meter, state, 0.014 + 1e-6 * i)
     assert intensity == pytest.approx(usual)
+
+
+def test_a_body_that_swings_tells_less_of_the_slope(vehicle: Vehicle) -> None:
+    """A swing of ±6 mrad counts as an error of about its root mean square; a slope that grows, as none."""
+    meter = PitchMeter(vehicle)
+    steady = swinging = meter.init()
+    for k in range(400):
+        steady, _, _ = read(meter, steady, 0.03)
+        swinging, _, _ = read(meter, swinging, 0.03 + 0.006 * 9.4 * np.cos(9.4 * k * DT))
+    usual = float(lean_std(meter.init(), jnp.asarray(DT)))
+    assert float(lean_std(steady, jnp.asarray(DT))) == pytest.approx(usual, rel=0.01)
+    times = float(lean_std(swinging, jnp.asarray(DT))) / usual
+    assert times == pytest.approx(np.hypot(0.0015, 0.006 / 2**0.5) / 0.0015, rel=0.25)
 
 
 @pytest.mark.parametrize("kind", ["well", "none", "stuck", "drifts", "swapped"])

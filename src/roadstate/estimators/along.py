@@ -40,7 +40,10 @@ class AlongInput(NamedTuple):
 
     Attributes:
         accel: specific force along x, freed of pitch, plus v_y r, m/s².
-        smooth_accel: its low-passed specific force, which the scale multiplies, m/s².
+        smooth_accel: its low-passed specific force, m/s².
+        lean: that at which the body would for good pitch as far as it does now, m/s².
+        lasting: what of it lasts for half a second, m/s². Scale and pitch gradient multiply that: did they
+            multiply all that a rough road shakes the accelerometer by, it would pass for their effect.
         drive, brake: specific forces of drive and brakes as torques tell them, low-passed, m/s².
         rolling: g with the sign of the speed: what the coefficient of rolling resistance multiplies, m/s².
         speed: so far, m/s.
@@ -54,6 +57,8 @@ class AlongInput(NamedTuple):
 
     accel: Float[Array, ""]
     smooth_accel: Float[Array, ""]
+    lean: Float[Array, ""]
+    lasting: Float[Array, ""]
     drive: Float[Array, ""]
     brake: Float[Array, ""]
     rolling: Float[Array, ""]
@@ -81,7 +86,7 @@ class AlongModel(StateSpaceModel):
     the speed signal, altitude, rate of climb;
     ``traction``: how much more the accelerometer reads than the torques explain, b + κ ā_x + ψ_m ā_y +
     (γ_d − ε_m) a_d − (γ_b − ε_m) a_b − δf g; ``attitude``: how much more the body pitches than by the slope
-    and its lean, 0 = Θ − θ − (k + δk) ā_x.
+    and its lean, 0 = Θ − θ − k ℓ − δk ā_x, ℓ the lean in terms of a lasting force, ā_x what lasts.
 
     Attributes:
         road: how g sin θ changes along the road.
@@ -158,7 +163,7 @@ class AlongModel(StateSpaceModel):
 
     def accel_error(self, x: Float[Array, " n"], u: AlongInput) -> Float[Array, ""]:
         """By how much the accelerometer reads too high, m/s²."""
-        error = x[BIAS] + x[SCALE] * u.smooth_accel
+        error = x[BIAS] + x[SCALE] * u.lasting
         if "mounting_yaw" in self.states:
             error += x[self.place("mounting_yaw")] * u.smooth_across
         return error
@@ -176,8 +181,8 @@ class AlongModel(StateSpaceModel):
                 gains = (drive - mass) * u.drive - (brake - mass) * u.brake - rolling * u.rolling
                 rows.append(self.accel_error(x, u) + gains)
             elif sensor == "attitude":
-                lean = (self.lean_gradient + x[self.place("lean_gradient")]) * u.smooth_accel
-                rows.append(x[self.place("attitude")] - x[SLOPE] / GRAVITY - lean)
+                leans = self.lean_gradient * u.lean + x[self.place("lean_gradient")] * u.lasting
+                rows.append(x[self.place("attitude")] - x[SLOPE] / GRAVITY - leans)
             elif sensor == "speed":
                 rows.append(x[SPEED])
             else:

@@ -17,6 +17,7 @@ from roadstate.estimators.base import Sample, leaf
 from roadstate.estimators.contact_forces import AxleForces
 from roadstate.estimators.intake import (
     ACCEL_X,
+    SMOOTHING,
     STALE,
     WHEEL_SPEEDS,
     YAW_RATE,
@@ -50,6 +51,7 @@ class AlongIntake(eqx.Module):
         learner: of the noise.
         sensor_std: (m,) 1σ of a sample, as the vehicle file says.
         accel_noise: of the longitudinal accelerometer, m/s²/√Hz.
+        pitching: what a body that leans for good adds to a specific force, as a share of it.
     """
 
     sensors: tuple[str, ...] = eqx.field(static=True)
@@ -58,6 +60,7 @@ class AlongIntake(eqx.Module):
     learner: NoiseLearner
     sensor_std: Float[Array, " m"]
     accel_noise: Float[Array, ""]
+    pitching: Float[Array, ""]
 
     def __init__(self, vehicle: Vehicle, sensors: tuple[str, ...]) -> None:
         own = vehicle.sensors
@@ -74,6 +77,7 @@ class AlongIntake(eqx.Module):
         self.contact, self.learner = TireContact(vehicle), NoiseLearner()
         self.sensor_std = jnp.asarray(np.array([noise.get(s, wheel) for s in sensors]))
         self.accel_noise = leaf(own.accel.noise_density)
+        self.pitching = leaf(GRAVITY * vehicle.body.pitch_gradient)
 
     def start(self) -> Unrest:
         """No innovation has come yet."""
@@ -130,7 +134,9 @@ class AlongIntake(eqx.Module):
             state.signals.age[ACCEL_X] < STALE, sign * state.signals.value[ACCEL_X], seen.value[ACCEL_X]
         )
         raw = 0.5 * (seen.value[ACCEL_X] + before)
-        by_torque = forces.explained + x[BIAS] + x[SCALE] * forces.accel[0]
+        lean = forces.lean.ahead(SMOOTHING)
+        raw = lean.freed(raw, self.pitching)
+        by_torque = forces.explained + x[BIAS] + x[SCALE] * forces.lasting
         known = (forces.age < STALE) & (~forces.is_brake_unknown)
         accel = jnp.where(felt, raw, jnp.where(known, by_torque, x[SLOPE] + x[BIAS]))
         intensity = jnp.where(felt, self.accel_noise, jnp.where(known, forces.intensity, _UNSEEN))
@@ -138,6 +144,8 @@ class AlongIntake(eqx.Module):
         u = AlongInput(
             accel=accel + velocity_y * turning,
             smooth_accel=forces.accel[0],
+            lean=lean.accel,
+            lasting=forces.lasting,
             drive=forces.drive,
             brake=forces.brake,
             rolling=forces.rolling,
@@ -172,14 +180,14 @@ class AlongIntake(eqx.Module):
                 stds.append(std[None])
         if "traction" in self.sensors:
             told = seen.is_fresh[ACCEL_X] & (forces.age < STALE)
-            more = seen.smooth[ACCEL_X] - forces.explained
+            more = forces.lean.freed(seen.smooth[ACCEL_X], self.pitching) - forces.explained
             parts.append(jnp.where(told, more, jnp.nan)[None])
             both = jnp.hypot(forces.intensity, self.accel_noise)
             stds.append((both / root(step))[None])
             u = u._replace(intensity=jnp.where(felt, self.white(state.unrest, forces)[0], u.intensity))
         if "attitude" in self.sensors:
             parts.append(jnp.where(jnp.isfinite(sample["pitch_rate"]), 0.0, jnp.nan)[None])
-            stds.append(lean_std(dt)[None])
+            stds.append(lean_std(state.pitch, dt)[None])
         z, std = once((jnp.concatenate(parts), jnp.concatenate(stds)))
         last = len(self.learned)
         # what parts torques and accelerometer lasts for minutes, too: that is no white noise of the torques

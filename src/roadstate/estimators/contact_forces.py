@@ -16,7 +16,6 @@ from roadstate.estimators.base import Sample, leaf
 from roadstate.estimators.intake import (
     ACCEL_X,
     ACCEL_Y,
-    INERTIAL,
     SMOOTHING,
     SPIN,
     STALE,
@@ -46,6 +45,7 @@ _PLACE_ERROR = 0.05  # m: 1σ of where the IMU is along the car, once that has b
 _TRAIL = 0.03  # m: pneumatic trail of a car's tire below the limit
 _NEVER = 1e6  # s
 _SPUN = 3.0  # σ of the noise of a wheel's acceleration from which on it counts
+_LASTS = 0.5  # s for which an acceleration lasts that is none of a rough road's
 _LARGEST = 0.7  # of the weight: no wheel's torque makes more
 
 
@@ -57,6 +57,7 @@ class ForceMeterState(NamedTuple):
         torque: (8,) drive and brake torques, low-passed, N·m.
         age: s since a drive torque came.
         lean: of the body, that shifts load from axle to axle.
+        lasting: as :class:`AxleForces`.
     """
 
     traction: TractionState | None
@@ -64,6 +65,7 @@ class ForceMeterState(NamedTuple):
     torque: Float[Array, " 8"]
     age: Float[Array, ""]
     lean: Lean
+    lasting: Float[Array, ""]
 
 
 class Current(NamedTuple):
@@ -124,6 +126,8 @@ class AxleForces(NamedTuple):
         along_std, across_std: (4,), (2,) 1σ over load, beyond what every such measurement errs; infinite
             where nothing tells.
         accel: (2,) specific force at the accelerometer along and across, low-passed, m/s².
+        lean: of the body, as late as ``accel``.
+        lasting: what of the first of ``accel`` lasts for half a second, m/s².
         yaw_accel: rad/s², low-passed.
         explained: what torques and air resistance make of the first, m/s².
         drive, brake, rolling: m/s², as :class:`~roadstate.estimators.along.AlongInput`.
@@ -142,6 +146,8 @@ class AxleForces(NamedTuple):
     along_std: Float[Array, " 4"]
     across_std: Float[Array, " 2"]
     accel: Float[Array, " 2"]
+    lean: Lean
+    lasting: Float[Array, ""]
     yaw_accel: Float[Array, ""]
     explained: Float[Array, ""]
     drive: Float[Array, ""]
@@ -191,6 +197,7 @@ class ForceMeter(eqx.Module):
     _driven: Float[Array, " 4"]
     _half_track: Float[Array, " 4"]
     _spin_noise: Float[Array, ""]
+    _pitching: Float[Array, ""]
 
     def __init__(self, vehicle: Vehicle, available: Collection[str]) -> None:
         try:
@@ -205,12 +212,15 @@ class ForceMeter(eqx.Module):
         front, rear = vehicle.geometry.track_front / 2, vehicle.geometry.track_rear / 2
         self._half_track = jnp.asarray(np.array([front, -front, rear, -rear]))
         self._spin_noise = leaf(_SPUN * vehicle.sensors.wheel_speed.noise / SMOOTHING)
+        self._pitching = leaf(GRAVITY * vehicle.body.pitch_gradient)
 
     def init(self) -> ForceMeterState:
         """Nothing has come yet."""
         traction = None if self._traction is None else self._traction.init()
         age = jnp.full((), _NEVER)
-        return ForceMeterState(traction, BrakeWatch(jnp.zeros(())), jnp.zeros(8), age, Lean.upright())
+        return ForceMeterState(
+            traction, BrakeWatch(jnp.zeros(())), jnp.zeros(8), age, Lean.upright(), jnp.zeros(())
+        )
 
     def nothing(self) -> AxleForces:
         """What is known before the first sample."""
@@ -219,7 +229,7 @@ class ForceMeter(eqx.Module):
         load = self.car.wheel_loads(zero, zero)
         return AxleForces(
             four, two, load, four, four, Current(two, two, two, zero), four + jnp.inf, two + jnp.inf, two,
-            zero, zero, zero, zero, zero, zero + 1.0, zero, zero + _NEVER, no, no,
+            Lean.upright(), zero, zero, zero, zero, zero, zero, zero + 1.0, zero, zero + _NEVER, no, no,
         )  # fmt: skip
 
     def read(
@@ -245,9 +255,10 @@ class ForceMeter(eqx.Module):
         """
         car, smooth = self.car, signals.smooth
         radius, mass = car.wheel_radius[0], car.mass
-        accel = smooth[INERTIAL] - accel_error
+        accel = self._freed(smooth, state.lean) - accel_error
         lean = state.lean.after(accel[0], dt)
-        load = car.wheel_loads(lean.transferred(accel[0]), accel[1])
+        lasting = state.lasting - jnp.expm1(-dt / _LASTS) * (accel[0] - state.lasting)
+        load = car.wheel_loads(lean.transferred(), accel[1])
         drag = car.drag(speed) / mass
         direction = jnp.tanh(speed / STANDSTILL_SPEED)
         traction, drive = self._torques(state.traction, sample, speed, dt)
@@ -279,7 +290,8 @@ class ForceMeter(eqx.Module):
             unknown=unknown,
         )
         slow = self._balance(accel, signals.rate, torque, scene)
-        fast = self._balance(signals.now[INERTIAL] - accel_error, signals.now_rate, fresh, scene)
+        sharp = self._freed(signals.now, lean.ahead(SMOOTHING)) - accel_error
+        fast = self._balance(sharp, signals.now_rate, fresh, scene)
         now = Current(by_axle(fast.along), by_axle(fast.told), fast.across, signals.now_rate[YAW_RATE])
         along, rest, blind = slow.along, slow.rest, slow.blind
         axles = by_axle(load)
@@ -300,6 +312,8 @@ class ForceMeter(eqx.Module):
             along_std=split / jnp.maximum(load, 0.1 * jnp.mean(load)) + unsure,
             across_std=jnp.hypot(moment, _PLACE_ERROR * rotation / GRAVITY) + missing,
             accel=accel,
+            lean=lean,
+            lasting=lasting,
             yaw_accel=signals.rate[YAW_RATE],
             explained=slow.explained,
             drive=jnp.sum(torque[:4]) / (radius * mass),
@@ -311,7 +325,11 @@ class ForceMeter(eqx.Module):
             is_shifting=drive.is_shifting,
             is_brake_unknown=unknown,
         )
-        return ForceMeterState(traction, brakes, torque, drive.age, lean), forces
+        return ForceMeterState(traction, brakes, torque, drive.age, lean, lasting), forces
+
+    def _freed(self, signals: Float[Array, " 8"], lean: Lean) -> Float[Array, " 2"]:
+        """Specific forces alone: signals are freed of the pitch that would last, not of this one."""
+        return jnp.stack([lean.freed(signals[ACCEL_X], self._pitching), signals[ACCEL_Y]])
 
     def _balance(self, accel: Array, rate: Array, torque: Array, at: _Scene) -> _Balance:
         """Of accelerations (2,), rates (8,) of all signals and torques (8,), all equally late."""

@@ -1,4 +1,4 @@
-"""How an acceleration comes to the wheels as load: by way of the springs, as the body pitches."""
+"""How the body comes to pitch under an acceleration, which then reaches wheels and accelerometer."""
 
 from __future__ import annotations
 
@@ -8,9 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-_FREQUENCY = 1.35  # Hz: at which the body of a car pitches
+_FREQUENCY = 1.5  # Hz: at which the body of a car pitches
 _DAMPING = 0.35  # of it, as a share of the critical one
-_DIRECT = 0.15  # share that the links take at once: anti-dive and anti-squat
 _NATURAL = 2 * np.pi * _FREQUENCY
 _DAMPED = _NATURAL * float(np.sqrt(1 - _DAMPING**2))
 
@@ -40,16 +39,25 @@ class Lean(NamedTuple):
         rate = (cosine - _DAMPING * _NATURAL * sine) * self.rate - _NATURAL**2 * sine * short
         return Lean(accel + fades * away, fades * rate)
 
-    def transferred(self, accel: Float[Array, ""]) -> Float[Array, ""]:
-        """The lasting acceleration that would shift as much load from axle to axle as this one does now.
+    def ahead(self, lag: float) -> Lean:
+        """What it is of the acceleration itself, which had been low-passed by a first order of ``lag`` s."""
+        return self._replace(accel=self.accel + lag * self.rate)
+
+    def transferred(self) -> Float[Array, ""]:
+        """The lasting acceleration that would shift as much load from axle to axle, m/s².
 
         A car that brakes harder takes a third of a second until its body has dived, and only then do springs
         and dampers press the front wheels as a steady deceleration would. Between anti-lock control's cycles
         that is a tenth of an axle's load. (How bodies bounce and pitch: Gillespie, *Fundamentals of Vehicle
         Dynamics*, ch. 5; the figures are of cars, and of no one in particular.)
+        """
+        return self.accel + 2 * _DAMPING / _NATURAL * self.rate
+
+    def freed(self, accel: Float[Array, ""], share: Float[Array, ""]) -> Float[Array, ""]:
+        """A specific force (m/s²) that was freed of a lasting pitch, freed of the body's own instead.
 
         Args:
-            accel: at this instant, m/s².
+            accel: what an accelerometer reads, over 1 + ``share``, m/s².
+            share: g times the pitch gradient: what a body that leans for good adds, as a share.
         """
-        springs = self.accel + 2 * _DAMPING / _NATURAL * self.rate
-        return _DIRECT * accel + (1 - _DIRECT) * springs
+        return accel + share * (accel - self.accel)

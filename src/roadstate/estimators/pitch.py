@@ -30,6 +30,9 @@ _MOST = (0.1, 3.0)  # rad, and 1σ of speeds, that one sample may count for
 _DISTRUST = 20.0  # s for which a gyroscope that failed is not believed
 _LEAN_ERROR = 0.0015  # rad: 1σ of the body's pitch against slope and force: it swings, and roads are uneven
 _LEAN_TIME = 0.15  # s: how long that lasts
+_STEADY_TIME = 0.5  # s: low pass of the rate, besides which a body swings
+_SWING_TIME = 0.15  # s over which that adds up to an angle
+_UNREST_TIME = 2.0  # s over which that is averaged
 _LEAST_STEP = 1e-3  # s
 
 
@@ -43,6 +46,10 @@ class PitchState(NamedTuple):
         apart: low-passed difference of attitude and slope, rad.
         pull: low-passed innovation of the speeds over its 1σ.
         distrust: s for which the gyroscope is still not believed.
+        steady: low-passed rate, rad/s.
+        swing: angle by which the body swings besides, rad.
+        unrest: its mean square, rad².
+        heard: s of samples so far.
     """
 
     rate: Held
@@ -51,6 +58,10 @@ class PitchState(NamedTuple):
     apart: Float[Array, ""]
     pull: Float[Array, ""]
     distrust: Float[Array, ""]
+    steady: Float[Array, ""]
+    swing: Float[Array, ""]
+    unrest: Float[Array, ""]
+    heard: Float[Array, ""]
 
 
 class Pitching(NamedTuple):
@@ -82,7 +93,7 @@ class PitchMeter(eqx.Module):
     def init(self) -> PitchState:
         """Nothing has come yet."""
         zero = jnp.zeros(())
-        return PitchState(Held.empty(), zero, zero, zero, zero, zero)
+        return PitchState(Held.empty(), *[zero] * 9)
 
     def read(
         self,
@@ -120,7 +131,15 @@ class PitchMeter(eqx.Module):
             rate=jnp.where(known, nose_up, 0.0),
             intensity=jnp.where(known, jnp.hypot(self._density, unsure), _UNSEEN),
         )
-        return state._replace(rate=rate, refused=refused, repeats=repeats), told
+        heard = state.heard + jnp.where(seen, dt, 0.0)
+        step = jnp.maximum(dt, _LEAST_STEP)
+        share = step / (jnp.minimum(state.heard, _STEADY_TIME) + step)
+        steady = state.steady + share * (rate.value - state.steady)
+        swing = state.swing * jnp.exp(-dt / _SWING_TIME) + dt * (rate.value - steady)
+        share = step / (jnp.minimum(state.heard, _UNREST_TIME) + step)
+        unrest = state.unrest + share * (swing**2 - state.unrest)
+        new = state._replace(rate=rate, refused=refused, repeats=repeats)
+        return new._replace(steady=steady, swing=swing, unrest=unrest, heard=heard), told
 
     def is_faulty(self, state: PitchState) -> Bool[Array, ""]:
         """Whether samples are refused or contradict the slope; one that repeats itself may be coarse only."""
@@ -160,6 +179,11 @@ class PitchMeter(eqx.Module):
         return state._replace(apart=begin * apart, pull=begin * told, distrust=distrust)
 
 
-def lean_std(dt: Float[Array, ""]) -> Float[Array, ""]:
-    """1σ of a sample of the body's lean against slope and force, so that errors that last add up rightly."""
-    return _LEAN_ERROR * jnp.sqrt(2 * _LEAN_TIME / jnp.maximum(dt, _LEAST_STEP))
+def lean_std(state: PitchState, dt: Float[Array, ""]) -> Float[Array, ""]:
+    """1σ of a sample of the body's lean against slope and force, so that errors that last add up rightly.
+
+    Args:
+        state: of the instant.
+        dt: s.
+    """
+    return jnp.sqrt((_LEAN_ERROR**2 + state.unrest) * 2 * _LEAN_TIME / jnp.maximum(dt, _LEAST_STEP))
