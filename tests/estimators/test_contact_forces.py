@@ -31,7 +31,8 @@ def balance(
     rate = zero.at[SPIN].set(jnp.asarray(spin_rate) / vehicle.wheels.radius)
     signals = Signals(value, zero, jnp.ones(8, bool), value, rate, value, rate, jnp.zeros(8, bool))
     sample = {c: jnp.asarray(torque if c[-2] == "f" else 0.0) for c in meter.channels}
-    state = meter.init()._replace(lean=Lean(jnp.asarray(accel), jnp.zeros(())))
+    leaning = Lean(jnp.asarray(accel), jnp.zeros(()), jnp.asarray(accel))
+    state = meter.init()._replace(lean=leaning)
     _, forces = meter.read(
         state, sample, signals, jnp.asarray(SPEED), jnp.zeros(2), jnp.asarray(slope), jnp.asarray(STEP)
     )

@@ -63,7 +63,7 @@ def test_a_low_pass_is_undone_to_the_digit() -> None:
 
 def test_an_accelerometer_is_freed_of_the_pitch_there_is() -> None:
     """It reads the specific force, and gravity by as much as the body has pitched."""
-    gradient, force, lean = 0.0045, -6.0, Lean(jnp.asarray(-4.0), jnp.asarray(0.0))
+    gradient, force, lean = 0.0045, -6.0, Lean.upright()._replace(accel=jnp.asarray(-4.0))
     share = jnp.asarray(GRAVITY * gradient)
     reading = force + GRAVITY * gradient * -4.0
     assert float(lean.freed(jnp.asarray(reading) / (1 + share), share)) == pytest.approx(force)

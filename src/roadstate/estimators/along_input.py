@@ -136,7 +136,7 @@ class AlongIntake(eqx.Module):
         raw = 0.5 * (seen.value[ACCEL_X] + before)
         lean = forces.lean.ahead(SMOOTHING)
         raw = lean.freed(raw, self.pitching)
-        by_torque = forces.explained + x[BIAS] + x[SCALE] * forces.lasting
+        by_torque = forces.explained + x[BIAS] + x[SCALE] * lean.lasting
         known = (forces.age < STALE) & (~forces.is_brake_unknown)
         accel = jnp.where(felt, raw, jnp.where(known, by_torque, x[SLOPE] + x[BIAS]))
         intensity = jnp.where(felt, self.accel_noise, jnp.where(known, forces.intensity, _UNSEEN))
@@ -145,7 +145,7 @@ class AlongIntake(eqx.Module):
             accel=accel + velocity_y * turning,
             smooth_accel=forces.accel[0],
             lean=lean.accel,
-            lasting=forces.lasting,
+            lasting=lean.lasting,
             drive=forces.drive,
             brake=forces.brake,
             rolling=forces.rolling,

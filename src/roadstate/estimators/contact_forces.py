@@ -45,7 +45,6 @@ _PLACE_ERROR = 0.05  # m: 1σ of where the IMU is along the car, once that has b
 _TRAIL = 0.03  # m: pneumatic trail of a car's tire below the limit
 _NEVER = 1e6  # s
 _SPUN = 3.0  # σ of the noise of a wheel's acceleration from which on it counts
-_LASTS = 0.5  # s for which an acceleration lasts that is none of a rough road's
 _LARGEST = 0.7  # of the weight: no wheel's torque makes more
 
 
@@ -57,7 +56,6 @@ class ForceMeterState(NamedTuple):
         torque: (8,) drive and brake torques, low-passed, N·m.
         age: s since a drive torque came.
         lean: of the body, that shifts load from axle to axle.
-        lasting: as :class:`AxleForces`.
     """
 
     traction: TractionState | None
@@ -65,7 +63,6 @@ class ForceMeterState(NamedTuple):
     torque: Float[Array, " 8"]
     age: Float[Array, ""]
     lean: Lean
-    lasting: Float[Array, ""]
 
 
 class Current(NamedTuple):
@@ -127,7 +124,6 @@ class AxleForces(NamedTuple):
             where nothing tells.
         accel: (2,) specific force at the accelerometer along and across, low-passed, m/s².
         lean: of the body, as late as ``accel``.
-        lasting: what of the first of ``accel`` lasts for half a second, m/s².
         yaw_accel: rad/s², low-passed.
         explained: what torques and air resistance make of the first, m/s².
         drive, brake, rolling: m/s², as :class:`~roadstate.estimators.along.AlongInput`.
@@ -147,7 +143,6 @@ class AxleForces(NamedTuple):
     across_std: Float[Array, " 2"]
     accel: Float[Array, " 2"]
     lean: Lean
-    lasting: Float[Array, ""]
     yaw_accel: Float[Array, ""]
     explained: Float[Array, ""]
     drive: Float[Array, ""]
@@ -218,9 +213,7 @@ class ForceMeter(eqx.Module):
         """Nothing has come yet."""
         traction = None if self._traction is None else self._traction.init()
         age = jnp.full((), _NEVER)
-        return ForceMeterState(
-            traction, BrakeWatch(jnp.zeros(())), jnp.zeros(8), age, Lean.upright(), jnp.zeros(())
-        )
+        return ForceMeterState(traction, BrakeWatch(jnp.zeros(())), jnp.zeros(8), age, Lean.upright())
 
     def nothing(self) -> AxleForces:
         """What is known before the first sample."""
@@ -229,7 +222,7 @@ class ForceMeter(eqx.Module):
         load = self.car.wheel_loads(zero, zero)
         return AxleForces(
             four, two, load, four, four, Current(two, two, two, zero), four + jnp.inf, two + jnp.inf, two,
-            Lean.upright(), zero, zero, zero, zero, zero, zero, zero + 1.0, zero, zero + _NEVER, no, no,
+            Lean.upright(), zero, zero, zero, zero, zero, zero + 1.0, zero, zero + _NEVER, no, no,
         )  # fmt: skip
 
     def read(
@@ -257,7 +250,6 @@ class ForceMeter(eqx.Module):
         radius, mass = car.wheel_radius[0], car.mass
         accel = self._freed(smooth, state.lean) - accel_error
         lean = state.lean.after(accel[0], dt)
-        lasting = state.lasting - jnp.expm1(-dt / _LASTS) * (accel[0] - state.lasting)
         load = car.wheel_loads(lean.transferred(), accel[1])
         drag = car.drag(speed) / mass
         direction = jnp.tanh(speed / STANDSTILL_SPEED)
@@ -313,7 +305,6 @@ class ForceMeter(eqx.Module):
             across_std=jnp.hypot(moment, _PLACE_ERROR * rotation / GRAVITY) + missing,
             accel=accel,
             lean=lean,
-            lasting=lasting,
             yaw_accel=signals.rate[YAW_RATE],
             explained=slow.explained,
             drive=jnp.sum(torque[:4]) / (radius * mass),
@@ -325,7 +316,7 @@ class ForceMeter(eqx.Module):
             is_shifting=drive.is_shifting,
             is_brake_unknown=unknown,
         )
-        return ForceMeterState(traction, brakes, torque, drive.age, lean, lasting), forces
+        return ForceMeterState(traction, brakes, torque, drive.age, lean), forces
 
     def _freed(self, signals: Float[Array, " 8"], lean: Lean) -> Float[Array, " 2"]:
         """Specific forces alone: signals are freed of the pitch that would last, not of this one."""

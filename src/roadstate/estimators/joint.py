@@ -208,7 +208,7 @@ class Joint(Estimator[JointState]):
         held, raw = self.signals.read(state.signals, sample, x[SPEED], dt)
         raw, verdict = once((raw, self.trust.verdict(state.trust)))
         seen = once(self.trust.mend(state.trust, verdict, raw, x[SPEED]))
-        bias = x[BIAS] + x[SCALE] * state.latest.lasting
+        bias = x[BIAS] + x[SCALE] * state.latest.lean.lasting
         error = jnp.stack([bias, jnp.zeros_like(bias)])
         meter, balance = self.forces.read(state.forces, sample, seen, x[SPEED], error, x[SLOPE], dt)
         forces = balance._replace(age=jnp.where(verdict.lies[TORQUE], _NEVER, balance.age))

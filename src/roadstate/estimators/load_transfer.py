@@ -10,6 +10,7 @@ from jaxtyping import Array, Float
 
 _FREQUENCY = 1.5  # Hz: at which the body of a car pitches
 _DAMPING = 0.35  # of it, as a share of the critical one
+_LASTS = 0.5  # s for which an acceleration lasts that is none of a rough road's
 _NATURAL = 2 * np.pi * _FREQUENCY
 _DAMPED = _NATURAL * float(np.sqrt(1 - _DAMPING**2))
 
@@ -20,15 +21,17 @@ class Lean(NamedTuple):
     Attributes:
         accel: the acceleration at which it would lean like that for good, m/s².
         rate: of it, m/s³.
+        lasting: what of the acceleration itself lasts for half a second, m/s².
     """
 
     accel: Float[Array, ""]
     rate: Float[Array, ""]
+    lasting: Float[Array, ""]
 
     @classmethod
     def upright(cls) -> Lean:
         """Nothing accelerates the car."""
-        return cls(jnp.zeros(()), jnp.zeros(()))
+        return cls(jnp.zeros(()), jnp.zeros(()), jnp.zeros(()))
 
     def after(self, accel: Float[Array, ""], dt: Float[Array, ""]) -> Lean:
         """Under an acceleration (m/s²) that is held for ``dt`` (s): a damped oscillator's exact solution."""
@@ -37,7 +40,8 @@ class Lean(NamedTuple):
         short = self.accel - accel
         away = (cosine + _DAMPING * _NATURAL * sine) * short + sine * self.rate
         rate = (cosine - _DAMPING * _NATURAL * sine) * self.rate - _NATURAL**2 * sine * short
-        return Lean(accel + fades * away, fades * rate)
+        lasting = self.lasting - jnp.expm1(-dt / _LASTS) * (accel - self.lasting)
+        return Lean(accel + fades * away, fades * rate, lasting)
 
     def ahead(self, lag: float) -> Lean:
         """What it is of the acceleration itself, which had been low-passed by a first order of ``lag`` s."""
