@@ -17,131 +17,25 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array
 from numpy.typing import NDArray
 
 from roadstate.calibration.known_road import on_road
 from roadstate.calibration.parameters import Parameter, moved, with_certainty
+from roadstate.calibration.scores import Judges, Rows, beyond, kept, scored
 from roadstate.calibration.uncertainty import Mask, Numbers
 from roadstate.core import InputError, Log
-from roadstate.core.gaussian import Gate, Info
 from roadstate.core.numerics import jit_loop
 from roadstate.estimators import Estimator, build
-from roadstate.filters.base import LOG_2PI, GateRule
 from roadstate.run.chunk import CHUNK, cut, inputs, scan_steps, start
 from roadstate.vehicles import Vehicle
 
 _SPAN = 0.5  # of a prior standard deviation, over which curvature is looked for
 _BALANCE = ("mass", "aerodynamics", "rolling_resistance", "driveline", "brakes", "body")
 _ROUNDING = 1e-3  # of a score
-_OUTLIER = GateRule().threshold
-
-
-class _Rows(NamedTuple):
-    """Steps of each of b estimators, the unmoved one first.
-
-    Attributes:
-        log_likelihood: (b, k).
-        innovation: (b, k, m).
-        S: (b, k, m, m).
-        used: (b, k, m).
-        ok: (b, k).
-    """
-
-    log_likelihood: Any
-    innovation: Any
-    S: Any
-    used: Any
-    ok: Any
-
-
-def _kept(estimator: Estimator[Any], state: Any, info: Info) -> _Rows:
-    used = jnp.isfinite(info.innovation) & (info.gate != Gate.REJECTED)
-    ok = info.ok & jnp.isfinite(info.log_likelihood)
-    return _Rows(info.log_likelihood, info.innovation, info.S, used, ok)
 
 
 _compiled = jit_loop(scan_steps)
-
-
-@jax.jit
-def _beyond(rows: _Rows) -> Float[Array, "b k"]:
-    """What the log-likelihoods hold beyond the Gaussian innovations in ``Info``."""
-    both = rows.used[..., :, None] & rows.used[..., None, :]
-    L = jnp.linalg.cholesky(jnp.where(both, rows.S, jnp.eye(rows.S.shape[-1])))
-    white = _whitened(L, jnp.where(rows.used, rows.innovation, 0.0)[..., None])[..., 0]
-    log_det = 2 * jnp.sum(jnp.log(jnp.diagonal(L, axis1=-2, axis2=-1)), axis=-1)
-    squares = jnp.sum(white**2, axis=-1)
-    gaussian = -0.5 * (squares + log_det + LOG_2PI * jnp.sum(rows.used, axis=-1))
-    return jnp.asarray(rows.log_likelihood - gaussian)
-
-
-def _whitened(L: Array, x: Array) -> Array:
-    return jnp.asarray(jax.scipy.linalg.solve_triangular(L, x, lower=True))
-
-
-class _Judges(NamedTuple):
-    """What judges which parameter.
-
-    Attributes:
-        noise: (p,) the whole likelihood: noise levels.
-        rest: (p,) what it holds beyond the innovations, as well as them.
-        sensors: (m,) those whose innovations judge figures of the car.
-    """
-
-    noise: Any
-    rest: Any
-    sensors: Any
-
-
-class _Scores(NamedTuple):
-    """What a chunk says.
-
-    Attributes:
-        scores: (p, k).
-        rest: (p, k) the part of a figure's that comes from beyond the Gaussian innovations.
-        information: (p, p) of the Gaussian innovations.
-    """
-
-    scores: Any
-    rest: Any
-    information: Any
-
-
-@jax.jit
-def _scores(rows: _Rows, step: float, judges: _Judges) -> _Scores:
-    """Scores of the samples and the information in them, by differences to the first row.
-
-    A figure of the car is judged by the innovations with S held, −dνᵀ S⁻¹ ν, and its information is
-    Σ dνᵀ S⁻¹ dν (quasi-likelihood, Wedderburn 1974, Biometrika 61, 439–447): the score's mean is zero at the
-    true figure whether S is right or not. With the whole score, a figure that S hangs on as well would stand
-    in for noise levels that are off: a greater mass makes a torque's noise smaller, a smaller wheel radius a
-    wheel speed's. Noise levels have their whole score, and its outer product for information (Berndt, Hall,
-    Hall & Hausman 1974, Ann. Econ. Soc. Meas. 3, 653–665).
-
-    Refused samples have no say in figures, and count in noise levels as lying on the gate (Talwar's function;
-    Huber & Ronchetti, *Robust Statistics*, ch. 4): were they left out, refusing would pay.
-    """
-    same = jnp.all(rows.used == rows.used[:1], axis=(0, 2))  # no sample is refused by some only
-    used, noisy = rows.used[0], judges.noise[:, None]
-    seen = used & judges.sensors
-    S = jnp.where(seen[:, :, None] & seen[:, None, :], rows.S[0], jnp.eye(rows.S.shape[-1]))
-    innovation = jnp.where(seen, rows.innovation, 0.0)
-    L = jnp.linalg.cholesky(S)
-    white = _whitened(L, innovation[0][..., None])[..., 0]
-    shift = jnp.where(same[:, None], (innovation[1:] - innovation[:1]) / step, 0.0)
-    shift = _whitened(L, jnp.moveaxis(shift, 0, -1))  # (k, m, p)
-    beyond = _beyond(rows)
-    rest = jnp.where(same & judges.rest[:, None], (beyond[1:] - beyond[:1]) / step, 0.0)
-    held = rest - jnp.einsum("kip,ki->pk", shift, white)
-    variance = jnp.diagonal(rows.S, axis1=-2, axis2=-1)
-    refused = jnp.isfinite(rows.innovation[0]) & ~used & (variance[0] > 0)
-    edge = jnp.sum(jnp.where(refused, _OUTLIER + jnp.log(jnp.where(refused, variance, 1.0)), 0.0), axis=-1)
-    whole = rows.log_likelihood - 0.5 * edge
-    levels = jnp.where(same & noisy, (whole[1:] - whole[:1]) / step, 0.0)
-    information = jnp.einsum("kip,kiq->pq", shift, shift)
-    information = jnp.where(noisy | noisy.T, 0.0, information) + levels @ levels.T
-    return _Scores(jnp.where(noisy, levels, held), rest, information)
 
 
 @dataclass(frozen=True)
@@ -170,7 +64,7 @@ class _Prepared(NamedTuple):
     samples: Numbers
     dt: Numbers
     channels: frozenset[str]
-    judges: _Judges
+    judges: Judges
 
 
 class Likelihood:
@@ -260,7 +154,7 @@ class Likelihood:
         for prepared in self._prepared:
             parts = []
             for count, rows in self._run(prepared, free + moves, active):
-                part = _scores(rows, self._step, prepared.judges)
+                part = scored(rows, self._step, prepared.judges)
                 parts.append(np.asarray(part.scores)[:, :count])
                 information += np.asarray(part.information)
                 has_rest |= bool(np.abs(part.rest).max(initial=0.0) > _ROUNDING)
@@ -269,7 +163,7 @@ class Likelihood:
             curvature = self._curvature(free, active) if has_rest else np.zeros_like(information)
         return Evaluation(tuple(scores), information + curvature, curvature)
 
-    def _judges(self, sensors: Sequence[str]) -> _Judges:
+    def _judges(self, sensors: Sequence[str]) -> Judges:
         """Who judges whom.
 
         Where the balance of forces along the road is a sensor of its own, it alone judges what makes it up:
@@ -278,11 +172,11 @@ class Likelihood:
         """
         noise = np.array([p.is_noise for p in self.parameters], bool)
         if "traction" not in sensors:
-            return _Judges(noise, ~noise, np.ones(len(sensors), bool))
+            return Judges(noise, ~noise, np.ones(len(sensors), bool))
         balance = np.array([p.path[0] in _BALANCE for p in self.parameters], bool)
         has_radius = any(p.path == ("wheels", "radius") for p in self.parameters)
         counts = np.array([has_radius or not s.startswith("wheel_speed") for s in sensors])
-        return _Judges(noise, ~noise & ~balance, counts)
+        return Judges(noise, ~noise & ~balance, counts)
 
     def _curvature(self, free: Numbers, active: Mask) -> Numbers:
         """(p, p) how fast the gradient of what is beyond the Gaussian innovations falls, in no direction < 0.
@@ -297,7 +191,7 @@ class Likelihood:
         total = np.zeros(len(moves))
         for prepared in self._prepared:
             for count, rows in self._run(prepared, free + np.array(moves), active):
-                total += np.asarray(_beyond(rows))[:, :count].sum(axis=1)
+                total += np.asarray(beyond(rows))[:, :count].sum(axis=1)
         n = len(on)
         ahead = dict(zip(on, total[1 : n + 1] - total[0], strict=True))
         behind = dict(zip(on, total[n + 1 : 2 * n + 1] - total[0], strict=True))
@@ -310,7 +204,7 @@ class Likelihood:
         result: Numbers = (vectors * np.maximum(values, 0.0)) @ vectors.T
         return result
 
-    def _run(self, prepared: _Prepared, free: Numbers, active: Mask) -> Iterator[tuple[int, _Rows]]:
+    def _run(self, prepared: _Prepared, free: Numbers, active: Mask) -> Iterator[tuple[int, Rows]]:
         """Chunk after chunk, how many samples it has, and the rows of the car at ``free`` (b, p)."""
         car = with_certainty(self.vehicle, self.parameters, active)
         built = [self._built(moved(car, self.parameters, f), prepared.channels) for f in free]
@@ -328,7 +222,7 @@ class Likelihood:
                     dt: Array = dt,
                     count: int = count,
                 ) -> Any:
-                    state, rows = _compiled(own, layout, state, values, dt, jnp.asarray(count), _kept)
+                    state, rows = _compiled(own, layout, state, values, dt, jnp.asarray(count), kept)
                     return state, jax.tree.map(np.asarray, rows)
 
                 # at first one by itself: several at once would each compile the program
