@@ -39,7 +39,7 @@ def _arguments() -> argparse.Namespace:
 def main() -> None:
     """Measure, and print or save."""
     from benchmarks.accuracy.progress import shown
-    from benchmarks.calibration import honesty, known_road, page
+    from benchmarks.calibration import friction, honesty, page
 
     from roadstate.core.numerics import use_compilation_cache
     from roadstate.core.tabular import atomic_path
@@ -63,9 +63,9 @@ def main() -> None:
                 whole |= page.plain(found, None)
             else:
                 fewer = min(given.seeds, max(6, -(-given.seeds // _FEWER)))
-                road = known_road.study(given.vehicles, fewer, given.cache, tell)
+                road = friction.study(given.vehicles, fewer, given.cache, tell)
                 spent = time.perf_counter() - begin, time.process_time() - busy
-                sections[page.FRICTION] = page.on_known_road(road, _about(given, name, fewer, *spent))
+                sections[page.FRICTION] = page.of_friction(road, _about(given, name, fewer, *spent))
                 whole |= page.plain(None, road)
     text = page.page(sections, _RESULTS.read_text("utf-8") if given.save and _RESULTS.is_file() else "")
     if given.save:

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from benchmarks.accuracy.score import Score
 from benchmarks.accuracy.table import fitted, number, wrapped
-from benchmarks.calibration import honesty, known_road
+from benchmarks.calibration import friction, honesty
 from numpy.typing import NDArray
 
 HONESTY = "Stated standard deviations"
-FRICTION = "Friction with tires learned on a road of known friction"
+FRICTION = "Friction with what was learned from other drives"
 _NORMAL_95 = 1.959964
 _HONEST = (
     "Every seed's car is learned anew from its own recordings: mass and drag from `straight-variable-speed` "
@@ -25,12 +25,12 @@ _HONEST = (
     "is about the seeds' own mean and needs no reference."
 )
 _ROAD = (
-    "Tires (`tire,slip`) of every seed's car are learned from {learned}, with satellites; then `joint` "
-    "estimates the friction of other drives ({held_out}) with the new file. |Error| of the axles' peak "
-    "friction in per cent, over samples, drives and seeds, mean of the vehicles' figures. Files: `{told}`; "
-    "`{learned_file}` with `--road-friction {mu:g}`. Three more tell causes, "
-    "and nobody has them: the `{own}` stiffnesses (±3 %); the `{shape}` ± 0.05 in the file as told, the best "
-    "there is in hindsight; `{asphalt}`: as told, with friction {mu:g} ± 3 % for that of dry roads."
+    "Figures of every seed's car are learned from {learned}, with satellites; then `joint` estimates the "
+    "friction of other drives ({held_out}) with the new file. |Error| of the axles' peak friction in per "
+    "cent, over samples, drives and seeds, mean of the vehicles' figures. Files: `{told}`; {files}. "
+    "Three more tell causes, and nobody has them: the `{own}` stiffnesses (±3 %); the `{shape}` ± 0.05 in "
+    "the file as told, the best there is in hindsight; `{asphalt}`: as told, with friction {mu:g} ± 3 % for "
+    "that of dry roads."
 )
 
 
@@ -60,19 +60,19 @@ def _percent(values: NDArray[np.float64]) -> str:
     return number(100 * float(np.sqrt(np.mean(values**2)))) if len(values) else "–"
 
 
-def on_known_road(found: known_road.Found, about: str) -> str:
+def of_friction(found: friction.Found, about: str) -> str:
     """The tables of friction with one vehicle file and another; how they were made comes first."""
     names = {
-        "told": known_road.TOLD,
-        "learned_file": known_road.LEARNED,
-        "own": known_road.OWN,
-        "shape": known_road.SHAPE,
-        "asphalt": known_road.ROAD,
+        "told": friction.TOLD,
+        "files": "; ".join(f"`{file}`, `{','.join(of)}`" for file, of in friction.LEARNED.items()),
+        "own": friction.OWN,
+        "shape": friction.SHAPE,
+        "asphalt": friction.ROAD,
     }
     explained = _ROAD.format(
-        learned=" and ".join(f"`{d}`" for d in known_road.LEARNED_FROM),
-        held_out=", ".join(f"`{d}`" for d in known_road.HELD_OUT),
-        mu=known_road.FRICTION,
+        learned=" and ".join(f"`{d}`" for d in friction.LEARNED_FROM),
+        held_out=", ".join(f"`{d}`" for d in friction.HELD_OUT),
+        mu=friction.ASPHALT,
         **names,
     )
     single = [score for score in found.held_out if ", " in score.what]
@@ -88,28 +88,31 @@ def on_known_road(found: known_road.Found, about: str) -> str:
             _matrix([s for s in single if "≥ 0.7: median" in s.what or "≥ 0.7: too high" in s.what]),
             "On the drives that were learned from, as another seed's sensors recorded them:",
             _matrix([s for s in found.again if ", " not in s.what and "lower" not in s.what]),
+            f"On a road that bears {friction.ASPHALT:g} no longer, but 1.0 "
+            f"({', '.join(f'`{drive.name}`' for drive in friction.GRIPPIER)}):",
+            _matrix([s for s in found.grippier if ", " not in s.what], (friction.TOLD, *friction.LEARNED)),
             "What was learned; of the seeds, mean and scatter, and the mean 1σ stated:",
             _learned(found),
         )
     )
 
 
-def _matrix(scores: Sequence[Score]) -> str:
+def _matrix(scores: Sequence[Score], files: Sequence[str] = friction.FILES) -> str:
     by_key = {(score.what, score.estimator): score for score in scores}
     rows = []
     for what in dict.fromkeys(score.what for score in scores):
-        here = [by_key.get((what, file)) for file in known_road.FILES]
+        here = [by_key.get((what, file)) for file in files]
         rows.append([what, *("–" if score is None else number(score.value) for score in here)])
-    return fitted(["figure", *known_road.FILES], rows)
+    return fitted(["figure", *files], rows)
 
 
-def _learned(found: known_road.Found) -> str:
+def _learned(found: friction.Found) -> str:
     rows = []
-    for figure, vehicle in sorted({*found.learned, *found.refused}):
-        values, refused = found.learned.get((figure, vehicle), []), found.refused[figure, vehicle]
-        told = [number(value) for value in known_road.mean_of(values)] if values else ["–"] * 3
-        rows.append((figure, vehicle, *told, f"{refused} of {refused + len(values)}"))
-    return fitted(("figure", "vehicle", "mean", "scatter", "1σ stated", "refused"), rows)
+    for key in sorted({*found.learned, *found.refused}):
+        values, refused = found.learned.get(key, []), found.refused[key]
+        told = [number(value) for value in friction.mean_of(values)] if values else ["–"] * 3
+        rows.append((*key, *told, f"{refused} of {refused + len(values)}"))
+    return fitted(("file", "figure", "vehicle", "mean", "scatter", "1σ stated", "refused"), rows)
 
 
 def page(sections: Mapping[str, str], before: str) -> str:
@@ -124,7 +127,7 @@ def page(sections: Mapping[str, str], before: str) -> str:
     return "\n\n".join(["# Calibration", *(whole[t] for t in (HONESTY, FRICTION) if t in whole)]) + "\n"
 
 
-def plain(honest: honesty.Found | None, road: known_road.Found | None) -> dict[str, Any]:
+def plain(honest: honesty.Found | None, road: friction.Found | None) -> dict[str, Any]:
     """For JSON."""
     told: dict[str, Any] = {}
     if honest is not None:
@@ -135,6 +138,7 @@ def plain(honest: honesty.Found | None, road: known_road.Found | None) -> dict[s
     if road is not None:
         told["held_out"] = [score.to_json() for score in road.held_out]
         told["again"] = [score.to_json() for score in road.again]
+        told["grippier"] = [score.to_json() for score in road.grippier]
         told["learned"] = [[*key, values] for key, values in road.learned.items()]
         told["refused"] = [[*key, count] for key, count in road.refused.items()]
     return told

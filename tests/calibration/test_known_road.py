@@ -13,7 +13,7 @@ from roadstate.core import WHEELS, InputError, Log
 from roadstate.core.constants import GRAVITY
 from roadstate.estimators import build
 from roadstate.run import scan
-from roadstate.vehicles import Vehicle
+from roadstate.vehicles import Vehicle, load_vehicle
 
 SPEED = 20.0  # m/s
 STIFF = ("tires.cornering_stiffness_front", "tires.cornering_stiffness_rear")
@@ -47,6 +47,46 @@ def bends(car: Vehicle) -> Log:
             "yaw_rate": yaw_rate + 0.001 * noise[1],
             "steering_wheel": steer * car.steering.ratio,
             **{f"wheel_speed_{w}": spin for w in WHEELS},
+        },
+    )
+
+
+def pushes(friction: float, *, hardest: float) -> tuple[Vehicle, Log]:
+    """A car with a motor in each wheel on a level road, whose four wheels slip alike, up to ``hardest``."""
+    random, dt = np.random.default_rng(2), 0.02
+    car = load_vehicle("in-wheel-ev")
+    low = car.geometry.model_copy(update={"cg_height": 0.01})  # loads stay, and the body does not pitch
+    body = car.body.model_copy(update={"pitch_gradient": 0.0})
+    car = car.model_copy(update={"geometry": low, "body": body})
+    time = np.arange(0.0, 32.0, dt)
+    slip = hardest * np.sin(2 * np.pi * 0.15 * time) * np.linspace(0.3, 1.0, len(time))
+    tires, radius, wheel = car.tires, car.wheels.radius, car.wheels.inertia
+    # friction makes the curve's height, not its slope at the origin
+    rise = tires.slip_stiffness / (tires.shape * friction)
+    share = friction * np.sin(tires.shape * np.arctan(rise * slip / (1 + slip)))
+    v, drag = np.full(len(time), SPEED), 0.5 * car.aerodynamics.air_density * car.drag_area / car.mass
+    accel = np.zeros(len(time))
+    for k in range(len(time)):
+        accel[k] = GRAVITY * share[k] - drag * v[k] ** 2
+        v[min(k + 1, len(time) - 1)] = v[k] + accel[k] * dt
+    spin = (1 + slip) * v / radius
+    roll = car.rolling_resistance.coefficient + car.rolling_resistance.speed_coefficient * v**2
+    ahead = 0.5 * car.geometry.cg_to_rear_axle / car.wheelbase
+    load = car.mass * GRAVITY * np.array([ahead, ahead, 0.5 - ahead, 0.5 - ahead])
+    torque = radius * load[:, None] * (share + roll) + wheel * np.gradient(spin, dt)
+    noise = random.normal(size=(7, len(time)))
+    zero = np.zeros(len(time))
+    return car, Log(
+        time,
+        {
+            "speed": v,
+            "accel_x": accel + 0.2 * noise[0],
+            "accel_y": 0.2 * noise[1],
+            "yaw_rate": 0.01 * noise[6],
+            "steering_wheel": zero,
+            **{f"wheel_speed_{w}": spin + 0.1 * noise[2 + i] for i, w in enumerate(WHEELS)},
+            **{f"drive_torque_{w}": own for w, own in zip(WHEELS, torque, strict=True)},
+            **{f"brake_torque_{w}": zero for w in WHEELS},
         },
     )
 
@@ -105,3 +145,19 @@ def test_tires_owe_their_uncertainty_to_the_yaw_inertia_as_well(
         assert whole[name].value == alone[name].value
         added = np.sqrt(whole[name].relative ** 2 - alone[name].relative ** 2)
         assert added == pytest.approx(abs(shift), rel=0.4)
+
+
+@pytest.mark.usefixtures("optimised")
+def test_friction_is_learned_where_it_has_been_used_up() -> None:
+    car, log = pushes(0.7, hardest=0.12)
+    assert car.tires.friction == 1.0
+    (found,) = calibrate(car, {"pushes": log}, ["friction"]).learned
+    assert found.value == pytest.approx(0.7, abs=0.05)
+    assert found.std < 0.05
+
+
+@pytest.mark.usefixtures("optimised")
+def test_friction_that_is_not_used_up_is_refused() -> None:
+    car, log = pushes(0.7, hardest=0.02)
+    with pytest.raises(InputError, match=r"tires\.friction hardly shows in these data"):
+        calibrate(car, {"pushes": log}, ["friction"])

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from roadstate.calibration.likelihood import Evaluation, Likelihood
+from roadstate.calibration.likelihood import Curvature, Evaluation, Likelihood
 from roadstate.calibration.parameters import Parameter, moved, select
 from roadstate.calibration.uncertainty import (
     HARDLY,
@@ -32,6 +32,7 @@ _EDGE = 1e-6
 # Figures of a section hang on these groups' as well. A car's bends tell its tires by how fast it turns in: a
 # yaw inertia 7.5 % too large, or a mass too small, makes them 2.5 to 3.5 % stiffer.
 _BESIDE: Mapping[str, tuple[str, ...]] = {"tires": ("inertia", "mass")}
+_FAR = 0.5  # prior standard deviations from where the curvature was taken, from which on it is taken anew
 _DAMPING = (0.3, 8.0, 1e4)  # the first, its growth, and where to give up
 
 Progress = Callable[[int, float], None]
@@ -130,7 +131,8 @@ def calibrate(
     if not parameters:
         raise _nothing(refused)
     likelihood = Likelihood(vehicle, parameters, logs, estimator, road_friction)
-    first = likelihood(np.zeros(len(parameters)), np.ones(len(parameters), bool))
+    start = likelihood.start()
+    first = likelihood(start, np.ones(len(parameters), bool))
     hardly = unseen(first.information)
     refused |= {parameters[i].name: HARDLY for i in hardly}
     left = [i for i in range(len(parameters)) if i not in hardly]
@@ -139,7 +141,7 @@ def calibrate(
     if hardly:
         likelihood = Likelihood(vehicle, [parameters[i] for i in left], logs, estimator, road_friction)
     fit = _Fit(likelihood, use_prior=use_prior, progress=progress)
-    place = fit.run(first.curvature[np.ix_(left, left)])
+    place = fit.run(start[left], first.curvature.of(left))
     refused |= {fit.parameters[i].name: why for i, why in fit.refused.items()}
     if place is None:
         raise _nothing(refused)
@@ -190,16 +192,17 @@ class _Fit:
         self.converged = False
         self._lower, self._upper = np.array([p.limits() for p in self.parameters]).T
 
-    def run(self, curvature: Numbers) -> _Place | None:
+    def run(self, start: Numbers, curvature: Curvature) -> _Place | None:
         """Fit, refuse, and fit again what is left; ``None`` where that is nothing.
 
         The prior takes part until it is settled what the data determine: without it, what they do not would
         run away and take the rest along.
 
         Args:
-            curvature: (p, p) of :class:`Evaluation`, about.
+            start: (p,) where to begin.
+            curvature: of :class:`Evaluation`, about there.
         """
-        place = self._evaluate(np.zeros(len(self.parameters)), curvature)
+        place = self._evaluate(start, curvature)
         found = self._undetermined(place)
         while True:
             if found:
@@ -226,7 +229,7 @@ class _Fit:
                 found[int(i)] = f"runs to the edge of what makes sense ({parameter.value(free[i]):g}{unit})"
         return found
 
-    def _evaluate(self, free: Numbers, curvature: Numbers | None, prior: float = 1.0) -> _Place:
+    def _evaluate(self, free: Numbers, curvature: Curvature | None, prior: float = 1.0) -> _Place:
         here = self.likelihood(free, self.active, curvature)
         place = _Place(free, here, dispersion(here.scores, self.likelihood.times))
         self.evaluations += 1
@@ -247,8 +250,11 @@ class _Fit:
             if np.array_equal(free, place.free):  # at an edge
                 break
             there, gained = None, 0.0
+            known: Curvature | None = place.here.curvature
+            if np.abs(free - place.here.curvature.at).max() > _FAR:
+                known = None
             try:
-                there = self._evaluate(free, place.here.curvature, prior)
+                there = self._evaluate(free, known, prior)
             except InputError:
                 if damping > _DAMPING[1]:  # fails not only far out
                     raise

@@ -16,8 +16,23 @@ LEAST, MOST = 0.05, 1.5
 _WHERE = "--road-friction"
 
 
+def bank_of(estimator: Estimator[Any]) -> FrictionBank | None:
+    """The hypotheses of friction that it weighs, if it does."""
+    bank = getattr(estimator, "bank", None)
+    return bank if isinstance(bank, FrictionBank) else None
+
+
+def with_friction(estimator: Estimator[Any], friction: float) -> Estimator[Any]:
+    """The estimator with this peak friction for every hypothesis of its bank."""
+    bank = bank_of(estimator)
+    assert bank is not None
+    told = jnp.full_like(bank.friction, friction), jnp.full_like(bank.prior, 1 / len(bank.prior))
+    changed: Estimator[Any] = eqx.tree_at(lambda e: (e.bank.friction, e.bank.prior), estimator, told)
+    return changed
+
+
 def on_road(estimator: Estimator[Any], friction: float) -> Estimator[Any]:
-    """The estimator with this peak friction for every hypothesis of its bank.
+    """The estimator with the measured peak friction for every hypothesis of its bank.
 
     All of them alike, no drift or change of the road takes any weight away from the friction that is known,
     and what the file says of friction on dry asphalt counts no more.
@@ -35,14 +50,10 @@ def on_road(estimator: Estimator[Any], friction: float) -> Estimator[Any]:
             where=_WHERE,
             mend=f"give one from {LEAST:g} to {MOST:g}",
         )
-    bank = getattr(estimator, "bank", None)
-    if not isinstance(bank, FrictionBank):
+    if bank_of(estimator) is None:
         raise InputError(
             f"'{estimator.name}' weighs no hypotheses of friction that could be told",
             where=_WHERE,
             mend="say --estimator joint, or leave the friction out",
         )
-    count = bank.friction.shape[0]
-    told = jnp.full_like(bank.friction, friction), jnp.full_like(bank.prior, 1 / count)
-    changed: Estimator[Any] = eqx.tree_at(lambda e: (e.bank.friction, e.bank.prior), estimator, told)
-    return changed
+    return with_friction(estimator, friction)

@@ -62,11 +62,13 @@ class Judges(NamedTuple):
         noise: (p,) the whole likelihood: noise levels.
         rest: (p,) what it holds beyond the innovations, as well as them.
         sensors: (m,) those whose innovations judge figures of the car.
+        wide: (p,) those whose likelihood has steps.
     """
 
     noise: Any
     rest: Any
     sensors: Any
+    wide: Any
 
 
 class Scores(NamedTuple):
@@ -83,9 +85,23 @@ class Scores(NamedTuple):
     information: Any
 
 
+class Moves(NamedTuple):
+    """Where the likelihood is looked at for its slope.
+
+    Attributes:
+        changes: (b, p) of each estimator, the unmoved one first and then one for each parameter.
+        other: (p,) the row that a parameter's is compared with.
+        width: (p,) how far apart the two are.
+    """
+
+    changes: Any
+    other: Any
+    width: Any
+
+
 @jax.jit
-def scored(rows: Rows, step: float, judges: Judges) -> Scores:
-    """Scores of the samples and the information in them, by differences to the first row.
+def scored(rows: Rows, moves: Moves, judges: Judges) -> Scores:
+    """Scores of the samples and the information in them, by differences between rows.
 
     A figure of the car is judged by the innovations with S held, −dνᵀ S⁻¹ ν, and its information is
     Σ dνᵀ S⁻¹ dν (quasi-likelihood, Wedderburn 1974, Biometrika 61, 439–447): the score's mean is zero at the
@@ -104,16 +120,21 @@ def scored(rows: Rows, step: float, judges: Judges) -> Scores:
     innovation = jnp.where(seen, rows.innovation, 0.0)
     L = jnp.linalg.cholesky(S)
     white = _whitened(L, innovation[0][..., None])[..., 0]
-    shift = jnp.where(same[:, None], (innovation[1:] - innovation[:1]) / step, 0.0)
+    width, count = moves.width[:, None], len(moves.width)
+
+    def slope(of: Array) -> Array:
+        return jnp.asarray((of[1 : count + 1] - of[moves.other]) / width)
+
+    shift = slope(innovation.reshape(len(innovation), -1)).reshape(count, *seen.shape)
+    shift = jnp.where(same[:, None], shift, 0.0)
     shift = _whitened(L, jnp.moveaxis(shift, 0, -1))  # (k, m, p)
-    more = beyond(rows)
-    rest = jnp.where(same & judges.rest[:, None], (more[1:] - more[:1]) / step, 0.0)
+    rest = jnp.where(same & judges.rest[:, None], slope(beyond(rows)), 0.0)
     held = rest - jnp.einsum("kip,ki->pk", shift, white)
     variance = jnp.diagonal(rows.S, axis1=-2, axis2=-1)
     refused = jnp.isfinite(rows.innovation[0]) & ~used & (variance[0] > 0)
     edge = jnp.sum(jnp.where(refused, _OUTLIER + jnp.log(jnp.where(refused, variance, 1.0)), 0.0), axis=-1)
     whole = rows.log_likelihood - 0.5 * edge
-    levels = jnp.where(same & noisy, (whole[1:] - whole[:1]) / step, 0.0)
+    levels = jnp.where(same & noisy, slope(whole), 0.0)
     information = jnp.einsum("kip,kiq->pq", shift, shift)
     information = jnp.where(noisy | noisy.T, 0.0, information) + levels @ levels.T
     return Scores(jnp.where(noisy, levels, held), rest, information)
