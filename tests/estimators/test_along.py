@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from roadstate.core.channels import WHEELS
 from roadstate.core.gaussian import Gaussian
-from roadstate.estimators.along import SPEED, AlongInput, AlongModel
+from roadstate.estimators.along import LATE, SPEED, AlongInput, AlongModel
 from roadstate.estimators.pitch import Pitching
 from roadstate.filters import KF, FilterState
 from roadstate.tires.smooth import Numbers
@@ -31,7 +31,7 @@ def given(speed: Numbers, accel: Numbers, slip: Numbers) -> AlongInput:
     """Straight on, with forces that make each wheel slip as said."""
     zero = jnp.zeros(())
     return AlongInput(
-        accel=zero + accel, smooth_accel=zero + accel, lean=zero + accel, lasting=zero + accel, drive=zero,
+        accel=zero + accel, gaining=zero + accel, lean=zero + accel, lasting=zero + accel, drive=zero,
         brake=zero, rolling=zero,
         speed=zero + speed, intensity=zero + 0.02, smooth_across=zero, turning=zero,
         pitching=Pitching(zero, zero), slip=jnp.full(4, slip), sensor_std=jnp.full(4, NOISE),
@@ -96,3 +96,11 @@ class TestBraking:
     def test_wheels_that_are_taken_at_their_word_mislead_it(self, model: AlongModel) -> None:
         errors, stds = self.braked(model, 0.0)
         assert np.mean(np.abs(errors) < 1.96 * stds) < 0.1
+
+
+def test_a_receiver_tells_a_speed_that_has_been() -> None:
+    known = AlongModel(load_vehicle("family-car"), (*CHANNELS, "speed"), has_torque=False)
+    x = np.zeros(len(known.states))
+    x[SPEED], x[known.place("speed_lag")] = 20.0, 0.03
+    told = known.h(jnp.asarray(x), given(20.0, -5.0, 0.0))
+    assert float(told[known.sensors.index("speed")]) == pytest.approx(20.0 + (LATE[0] + 0.03) * 5.0)

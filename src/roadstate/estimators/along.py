@@ -32,6 +32,7 @@ _LASTING = 3600.0  # s over which what belongs to the car or its sensors keeps i
 _BRAKE_LASTING = 600.0  # s: pads warm up
 _CAUGHT = 2.0  # m/s: 1σ of what a sensor's lies do to the speed until they are found
 _SLIP = (0.5, 1.0)  # 1σ of what wheels slip beyond their force, as a share of that, and s for which it lasts
+LATE = (0.06, 0.04)  # s by which a receiver's speed is late: mean and 1σ
 _WHEEL_SPREAD = 0.003  # 1σ of one wheel's radius against the others'
 
 
@@ -40,7 +41,7 @@ class AlongInput(NamedTuple):
 
     Attributes:
         accel: specific force along x, freed of pitch, plus v_y r, m/s².
-        smooth_accel: its low-passed specific force, m/s².
+        gaining: how fast the car speeds up, low-passed, m/s².
         lean: that at which the body would for good pitch as far as it does now, m/s².
         lasting: what of it lasts for half a second, m/s². Scale and pitch gradient multiply that: did they
             multiply all that a rough road shakes the accelerometer by, it would pass for their effect.
@@ -56,7 +57,7 @@ class AlongInput(NamedTuple):
     """
 
     accel: Float[Array, ""]
-    smooth_accel: Float[Array, ""]
+    gaining: Float[Array, ""]
     lean: Float[Array, ""]
     lasting: Float[Array, ""]
     drive: Float[Array, ""]
@@ -74,23 +75,24 @@ class AlongInput(NamedTuple):
 class AlongModel(StateSpaceModel):
     """Speed, slope, and the errors of sensors and car, as far as the channels tell of them; affine in x.
 
-    x = [v_x, g sin θ, its rate of distance, b, κ | ψ_m | δk, b_q, δk_φ, φ_m | ε_σ | ε_m, γ_d, γ_b, δf | ε_R |
-    Θ | z, z_wander], with v̇_x = a_x − b − κ ā_x − ψ_m ā_y − g sin θ + v_y r: bias, scale and mounting yaw of
+    x = [v_x, g sin θ, its rate of distance, b, κ | ψ_m | δk, b_q, δk_φ, φ_m | ε_σ | ε_m, γ_d, γ_b, δf | ε_R,
+    δτ | Θ | z, z_wander], with v̇_x = a_x − b − κ ā_x − ψ_m ā_y − g sin θ + v_y r: bias, scale and mounting yaw of
     the accelerometer (the last with a lateral one); with a pitch rate the errors of the pitch gradient k, of
     the gyroscope, of the roll gradient and the mounting roll, and the body's nose-up attitude Θ̇ = Θ̇_told +
     b_q + r (δk_φ ā_y + φ_m); with wheels how much more all of them slip than their forces say; with torques
     the relative errors of mass, drive and brakes and that of the rolling resistance; that of the rolling
-    radius with a speed that is not the wheels'; height with an altitude.
+    radius, and by how much it is later than usual, with a speed that is not the wheels'; height with an
+    altitude.
 
     Sensors: the wheels' speeds (freed of yaw and of the slip σ_i that their forces make: v_x + v σ_i ε_σ),
-    the speed signal, altitude, rate of climb;
+    the speed signal, late by a time τ of its own: v_x − τ v̇; altitude, rate of climb;
     ``traction``: how much more the accelerometer reads than the torques explain, b + κ ā_x + ψ_m ā_y +
     (γ_d − ε_m) a_d − (γ_b − ε_m) a_b − δf g; ``attitude``: how much more the body pitches than by the slope
     and its lean, 0 = Θ − θ − k ℓ − δk ā_x, ℓ the lean in terms of a lasting force, ā_x what lasts.
 
     Attributes:
         road: how g sin θ changes along the road.
-        slow_factor: of the covariance of the states from b to ε_R: κ = g δk + the accelerometer's own.
+        slow_factor: of the covariance of the states from b to δτ: κ = g δk + the accelerometer's own.
         slow_time: s, how long they last.
         wander: 1σ (m) and duration (s) of the altitude's slow error.
     """
@@ -130,6 +132,8 @@ class AlongModel(StateSpaceModel):
             slow["rolling_resistance"] = (prior.rolling_resistance_std, _LASTING)
         if wheels and "speed" in available:
             slow["wheel_radius"] = (sensors.wheel_speed.scale, _LASTING)
+        if "speed" in available:
+            slow["speed_lag"] = (LATE[1], _LASTING)
         aids = [c for c in ("speed", "altitude", "vertical_speed") if c in available]
         height = ("altitude", "altitude_error") if "altitude" in available else ()
         attitude = ("attitude",) if "pitch_rate" in available else ()
@@ -184,7 +188,7 @@ class AlongModel(StateSpaceModel):
                 leans = self.lean_gradient * u.lean + x[self.place("lean_gradient")] * u.lasting
                 rows.append(x[self.place("attitude")] - x[SLOPE] / GRAVITY - leans)
             elif sensor == "speed":
-                rows.append(x[SPEED])
+                rows.append(x[SPEED] - (LATE[0] + x[self.place("speed_lag")]) * u.gaining)
             else:
                 slips = u.slip[WHEEL_SPEEDS.index(sensor)] * x[self.place("slip_factor")]
                 radius = x[self.place("wheel_radius")] if "wheel_radius" in self.states else 0.0

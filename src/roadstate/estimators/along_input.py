@@ -35,7 +35,9 @@ if TYPE_CHECKING:
 
 _UNSEEN = 4.0  # m/s²/√Hz: of an acceleration that neither accelerometer nor torques tell
 _LEAST_STEP = 1e-3  # s
-_AGE = 0.1  # s by which a satellite's speed may be late
+_AGE = 0.1  # s by which a receiver's rate of climb may be late
+_JITTER = 0.02  # s: 1σ of what its speed is later or earlier than usual
+_ANY = 5.0  # m/s: 1σ of a speed that is not known yet
 _LEARNED = ("vertical_speed", "traction", "attitude")  # sensors whose noise is learned
 _CALM = 0.1  # m/s²/√Hz: error of the torques' force beyond which it is not the usual one
 _MOVING = 2.0  # m/s from which sensors err as they usually do
@@ -143,7 +145,7 @@ class AlongIntake(eqx.Module):
         turning = jnp.where(seen.age[YAW_RATE] < STALE, seen.smooth[YAW_RATE], 0.0)
         u = AlongInput(
             accel=accel + velocity_y * turning,
-            smooth_accel=forces.accel[0],
+            gaining=forces.accel[0] - x[BIAS] - x[SLOPE],
             lean=lean.accel,
             lasting=lean.lasting,
             drive=forces.drive,
@@ -165,17 +167,22 @@ class AlongIntake(eqx.Module):
             contact, rim, std = self.contact.rims(
                 contact, seen, forces, turning, speed, spread, gain, unsure, dt
             )
-            parts.append(rim[jnp.asarray(wheels)])
-            stds.append(std[jnp.asarray(wheels)])
+            rim, std = rim[jnp.asarray(wheels)], std[jnp.asarray(wheels)]
+            parts.append(rim)
+            stds.append(std)
+            # what a wheel's radius is off by is a share of the speed, which wheels tell at first
+            heard = jnp.isfinite(rim)
+            mean = jnp.sum(jnp.where(heard, rim, 0.0)) / jnp.maximum(jnp.sum(heard), 1)
+            u = u._replace(speed=jnp.where((spread > _ANY) & jnp.any(heard), mean, speed))
         for name in ("speed", "altitude", "vertical_speed"):
             if name in self.sensors:
                 value, std = sample[name], self.sensor_std[self.sensors.index(name)]
                 if name == "speed":
                     backward = (held.gear < 0) & (value > 0)
                     value = jnp.where(backward, -value, value)
-                    std = jnp.hypot(std, _AGE * forces.accel[0])
+                    std = jnp.hypot(std, _JITTER * u.gaining)
                 if name == "vertical_speed":
-                    std = jnp.hypot(std, _AGE * forces.accel[0] * x[SLOPE] / GRAVITY)
+                    std = jnp.hypot(std, _AGE * u.gaining * x[SLOPE] / GRAVITY)
                 parts.append(jnp.where(jnp.isfinite(value), value, jnp.nan)[None])
                 stds.append(std[None])
         if "traction" in self.sensors:

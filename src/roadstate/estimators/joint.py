@@ -221,7 +221,7 @@ class Joint(Estimator[JointState]):
         watch = once(self.watch.look(state.watch, sample, dt))
         lag = self.watch.lateness(watch, self.sensors)
         lasting = jnp.sqrt(_LATE_TIME / jnp.maximum(dt, _LEAST_STEP))
-        u = u._replace(sensor_std=jnp.hypot(u.sensor_std, lag * u.smooth_accel * lasting))
+        u = u._replace(sensor_std=jnp.hypot(u.sensor_std, lag * u.gaining * lasting))
         pitch = state.pitch
         if "attitude" in self.sensors:
             tilt = jnp.stack([across[BANK], across_std[BANK]]) / GRAVITY

@@ -1,0 +1,63 @@
+"""Speed where a satellite receiver tells it late, and rolling radii are not those of the file."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from roadstate.core import WHEELS, Log
+from roadstate.core.constants import GRAVITY
+from roadstate.estimators import build
+from roadstate.run import scan
+from roadstate.vehicles import Vehicle
+
+RATE = 100.0
+NOISE = 0.05  # m/s, 1σ of a sample of the receiver
+
+
+def braking(vehicle: Vehicle, *, late: float, bigger: float, seed: int) -> tuple[Log, np.ndarray]:
+    """Straight and level: 4 s at 25 m/s, then down to 9 m/s at 4 m/s², and on; and the true speed.
+
+    Args:
+        vehicle: its tires slip in proportion to the force.
+        late: s by which the receiver's speed, ten times a second, comes late.
+        bigger: rolling radius over the file's.
+        seed: of the sensors' noise.
+    """
+    random = np.random.default_rng(seed)
+    time = np.arange(0.0, 12.0, 1 / RATE)
+    v = np.interp(time, [4.0, 8.0], [25.0, 9.0])
+    accel = np.where((time >= 4.0) & (time < 8.0), -4.0, 0.0)
+    slip = accel / GRAVITY / vehicle.tires.slip_stiffness
+    told = np.interp(time - late, time, v) + NOISE * random.normal(size=len(time))
+    told[np.arange(len(time)) % 10 != 0] = np.nan
+    noise = random.normal(size=(7, len(time)))
+    spin = v * (1 + slip) / (bigger * vehicle.wheels.radius)
+    return Log(
+        time,
+        {
+            "accel_x": accel + 0.05 * noise[0],
+            "accel_y": 0.05 * noise[1],
+            "yaw_rate": 0.002 * noise[2],
+            "steering_wheel": np.zeros(len(time)),
+            "speed": told,
+            **{f"wheel_speed_{w}": spin + 0.05 * noise[3 + i] for i, w in enumerate(WHEELS)},
+        },
+    ), v
+
+
+@pytest.mark.parametrize("late", [0.0, 0.06, 0.12])
+@pytest.mark.parametrize("bigger", [0.99, 1.01])
+def test_speed_while_braking(vehicle: Vehicle, late: float, bigger: float) -> None:
+    log, true = braking(vehicle, late=late, bigger=bigger, seed=1)
+    found = scan(build("joint", vehicle, log.available), log)
+    error, std = found.values["speed"] - true, found.std["speed"]
+    assert np.abs(error / std).max() < 2.5
+    assert np.abs(error[200:]).max() < 0.14
+
+
+def test_one_sample_of_everything_is_no_exact_speed(vehicle: Vehicle) -> None:
+    log, _ = braking(vehicle, late=0.06, bigger=1.0, seed=2)
+    first = scan(build("joint", vehicle, log.available), log).std["speed"][0]
+    radius = vehicle.sensors.wheel_speed.scale * 25.0
+    assert first > 0.7 / np.hypot(1 / vehicle.sensors.speed.noise, 1 / radius)
