@@ -75,14 +75,14 @@ class AlongInput(NamedTuple):
 class AlongModel(StateSpaceModel):
     """Speed, slope, and the errors of sensors and car, as far as the channels tell of them; affine in x.
 
-    x = [v_x, g sin θ, its rate of distance, b, κ | ψ_m | δk, b_q, δk_φ, φ_m | ε_σ | ε_m, γ_d, γ_b, δf | ε_R,
-    δτ | Θ | z, z_wander], with v̇_x = a_x − b − κ ā_x − ψ_m ā_y − g sin θ + v_y r: bias, scale and mounting yaw of
-    the accelerometer (the last with a lateral one); with a pitch rate the errors of the pitch gradient k, of
-    the gyroscope, of the roll gradient and the mounting roll, and the body's nose-up attitude Θ̇ = Θ̇_told +
-    b_q + r (δk_φ ā_y + φ_m); with wheels how much more all of them slip than their forces say; with torques
-    the relative errors of mass, drive and brakes and that of the rolling resistance; that of the rolling
-    radius, and by how much it is later than usual, with a speed that is not the wheels'; height with an
-    altitude.
+    x = [v_x, g sin θ, its rate of distance, b, κ | ψ_m | δk, b_q, δk_φ, φ_m | ε_σ | ε_m, γ_d, γ_b, δf |
+    ε_R, δτ | Θ | z, z_wander], with v̇_x = a_x − b − κ ā_x − ψ_m ā_y − g sin θ + v_y r: bias, scale and
+    mounting yaw of the accelerometer (the last with a lateral one); with a pitch rate the errors of the
+    pitch gradient k, of the gyroscope, of the roll gradient and the mounting roll, and the body's nose-up
+    attitude Θ̇ = Θ̇_told + b_q + r (δk_φ ā_y + φ_m); with wheels how much more all of them slip than
+    their forces say; with torques the relative errors of mass, drive and brakes and that of the rolling
+    resistance; that of the rolling radius, and by how much it is later than usual, with a speed that is
+    not the wheels'; height with an altitude.
 
     Sensors: the wheels' speeds (freed of yaw and of the slip σ_i that their forces make: v_x + v σ_i ε_σ),
     the speed signal, late by a time τ of its own: v_x − τ v̇; altitude, rate of climb;

@@ -13,8 +13,8 @@ from roadstate.core.constants import GRAVITY
 from roadstate.core.gaussian import Info
 from roadstate.core.kernel import once
 from roadstate.estimators.along import BIAS, SCALE, SLOPE, SPEED, AlongInput
+from roadstate.estimators.axle_forces import AxleForces
 from roadstate.estimators.base import Sample, leaf
-from roadstate.estimators.contact_forces import AxleForces
 from roadstate.estimators.intake import (
     ACCEL_X,
     SMOOTHING,

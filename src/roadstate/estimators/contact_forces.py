@@ -12,6 +12,7 @@ from jaxtyping import Array, Bool, Float
 
 from roadstate.core.constants import GRAVITY
 from roadstate.core.errors import InputError
+from roadstate.estimators.axle_forces import AxleForces, Current, by_axle, steered_cosines
 from roadstate.estimators.base import Sample, leaf
 from roadstate.estimators.intake import (
     ACCEL_X,
@@ -24,7 +25,7 @@ from roadstate.estimators.intake import (
     Signals,
 )
 from roadstate.estimators.load_transfer import Lean
-from roadstate.estimators.signals import STANDSTILL_SPEED, Held
+from roadstate.estimators.signals import NEVER, STANDSTILL_SPEED, Held
 from roadstate.estimators.traction import BrakeWatch, Traction, TractionMeter, TractionState
 from roadstate.vehicles import SevenDofForces
 
@@ -43,7 +44,6 @@ _SPLIT_ERROR = 0.3  # 1σ of a brake's share of a force whose distribution nothi
 _INERTIA_ERROR = 0.1  # 1σ of the yaw inertia, as a share of it
 _PLACE_ERROR = 0.05  # m: 1σ of where the IMU is along the car, once that has been learned
 _TRAIL = 0.03  # m: pneumatic trail of a car's tire below the limit
-_NEVER = 1e6  # s
 _SPUN = 3.0  # σ of the noise of a wheel's acceleration from which on it counts
 _LARGEST = 0.7  # of the weight: no wheel's torque makes more
 
@@ -63,22 +63,6 @@ class ForceMeterState(NamedTuple):
     torque: Float[Array, " 8"]
     age: Float[Array, ""]
     lean: Lean
-
-
-class Current(NamedTuple):
-    """Forces as they are at this instant, noisier than low-passed ones.
-
-    Attributes:
-        along: (2,) F_x of the axles, in their wheels' frames, N.
-        told: (2,) the same as torques alone tell it, N.
-        across: (2,) F_y of the axles, N.
-        yaw_accel: rad/s².
-    """
-
-    along: Float[Array, " 2"]
-    told: Float[Array, " 2"]
-    across: Float[Array, " 2"]
-    yaw_accel: Float[Array, ""]
 
 
 class _Scene(NamedTuple):
@@ -110,65 +94,9 @@ class _Balance(NamedTuple):
     blind: Bool[Array, ""]
 
 
-class AxleForces(NamedTuple):
-    """Forces on a car of exactly the file's mass.
-
-    Attributes:
-        along: (4,) F_x of the wheels in their own frames, N.
-        across: (2,) F_y of the axles in their wheels' frames, N.
-        load: (4,) N.
-        steady: (4,) F_x of wheels that turned as the car moves: free of the noise of their speeds, N.
-        told: (4,) F_x of the wheels as torques alone tell them, N.
-        now: what of it is wanted without the low pass's lag.
-        along_std, across_std: (4,), (2,) 1σ over load, beyond what every such measurement errs; infinite
-            where nothing tells.
-        accel: (2,) specific force at the accelerometer along and across, low-passed, m/s².
-        lean: of the body, as late as ``accel``.
-        yaw_accel: rad/s², low-passed.
-        explained: what torques and air resistance make of the first, m/s².
-        drive, brake, rolling: m/s², as :class:`~roadstate.estimators.along.AlongInput`.
-        intensity: of the error of ``explained``, m/s²/√Hz.
-        gust: what wind has in it, m/s²/√Hz: no error of what torques tell of the wheels.
-        age: s since the torque came; huge where there is none.
-        is_shifting, is_brake_unknown: as :class:`~roadstate.estimators.traction.Traction`.
-    """
-
-    along: Float[Array, " 4"]
-    across: Float[Array, " 2"]
-    load: Float[Array, " 4"]
-    steady: Float[Array, " 4"]
-    told: Float[Array, " 4"]
-    now: Current
-    along_std: Float[Array, " 4"]
-    across_std: Float[Array, " 2"]
-    accel: Float[Array, " 2"]
-    lean: Lean
-    yaw_accel: Float[Array, ""]
-    explained: Float[Array, ""]
-    drive: Float[Array, ""]
-    brake: Float[Array, ""]
-    rolling: Float[Array, ""]
-    intensity: Float[Array, ""]
-    gust: Float[Array, ""]
-    age: Float[Array, ""]
-    is_shifting: Bool[Array, ""]
-    is_brake_unknown: Bool[Array, ""]
-
-
-def steered_cosines(cosine: Float[Array, ""]) -> Float[Array, " 4"]:
-    """Cosines of the wheels' angles to the body, of which only the front ones steer."""
-    ahead = jnp.ones_like(cosine)
-    return jnp.stack([cosine, cosine, ahead, ahead])
-
-
 def damped(value: Float[Array, ...], noise: Float[Array, ...]) -> Float[Array, ...]:
     """``value`` where it exceeds ``noise`` by far, next to nothing where it is less."""
     return value**3 / (value**2 + noise**2)
-
-
-def by_axle(wheels: Float[Array, " 4"]) -> Float[Array, " 2"]:
-    """Sums over the wheels of the front and of the rear axle."""
-    return wheels.reshape(2, 2).sum(axis=1)
 
 
 class ForceMeter(eqx.Module):
@@ -212,7 +140,7 @@ class ForceMeter(eqx.Module):
     def init(self) -> ForceMeterState:
         """Nothing has come yet."""
         traction = None if self._traction is None else self._traction.init()
-        age = jnp.full((), _NEVER)
+        age = jnp.full((), NEVER)
         return ForceMeterState(traction, BrakeWatch(jnp.zeros(())), jnp.zeros(8), age, Lean.upright())
 
     def nothing(self) -> AxleForces:
@@ -222,7 +150,7 @@ class ForceMeter(eqx.Module):
         load = self.car.wheel_loads(zero, zero)
         return AxleForces(
             four, two, load, four, four, Current(two, two, two, zero), four + jnp.inf, two + jnp.inf, two,
-            Lean.upright(), zero, zero, zero, zero, zero, zero + 1.0, zero, zero + _NEVER, no, no,
+            Lean.upright(), zero, zero, zero, zero, zero, zero + 1.0, zero, zero + NEVER, no, no,
         )  # fmt: skip
 
     def read(
@@ -358,7 +286,7 @@ class ForceMeter(eqx.Module):
             return self._traction.read(state, sample, speed, dt)
         zero, four, no = jnp.zeros(()), jnp.zeros(4), jnp.zeros((), bool)
         mass = self.car.mass + jnp.sum(self.car.wheel_inertia) / self.car.wheel_radius[0] ** 2
-        return None, Traction(zero, zero, zero, zero, mass, zero + _NEVER, no, no, no, four, four)
+        return None, Traction(zero, zero, zero, zero, mass, zero + NEVER, no, no, no, four, four)
 
     def _across(
         self, along: Array, accel_y: Array, yaw_accel: Array, cosine: Array, sine: Array

@@ -15,7 +15,7 @@ from roadstate.core.constants import GRAVITY
 from roadstate.core.errors import InputError
 from roadstate.estimators.base import Sample
 from roadstate.estimators.quadratic import Quadratic
-from roadstate.estimators.signals import signed_direction
+from roadstate.estimators.signals import NEVER, signed_direction
 
 if TYPE_CHECKING:
     from roadstate.vehicles import Vehicle
@@ -44,7 +44,6 @@ REPEATS = 40  # equal samples in a row after which a signal may be stuck
 # change meanwhile of what tells the same, m/s², m/s², rad/s, never, rad/s: then it is stuck
 _ACTIVE = (0.5, 0.8, 0.06, np.inf, 3.0, 3.0, 3.0, 3.0)
 _PER_ACCEL = 2.0  # rad/s per m/s²: that the acceleration changes tells as much of a wheel as that others do
-_NEVER = 1e6
 _LEAST_STEP = 1e-3  # s
 _SLOWEST = 1.0  # m/s below which a car's signals may well stand still
 
@@ -156,7 +155,7 @@ class Intake(eqx.Module):
         """Nothing has come yet."""
         none = jnp.zeros(8)
         return SignalState(
-            none, none + _NEVER, none, none, none, none, none, Quadratic.start(8), jnp.zeros(())
+            none, none + NEVER, none, none, none, none, none, Quadratic.start(8), jnp.zeros(())
         )
 
     def read(
@@ -194,7 +193,7 @@ class Intake(eqx.Module):
         # a wheel that is locked stands still for good reason
         stuck = (repeats >= REPEATS) & active & ((np.arange(8) < SPIN.start) | (value != 0))
         age = jnp.where(taken, 0.0, since)
-        first = state.age >= _NEVER
+        first = state.age >= NEVER
         lag = jnp.where(first, 1.0, -jnp.expm1(-dt / SMOOTHING))
         smooth = state.smooth + lag * (value - state.smooth)
         fit = state.fit.take(value, first, self.memory, dt)

@@ -18,8 +18,9 @@ from roadstate.core.gaussian import Info
 from roadstate.core.kernel import once
 from roadstate.estimators.along import BIAS, SCALE, SLOPE, SPEED, AlongModel
 from roadstate.estimators.along_input import AlongIntake
+from roadstate.estimators.axle_forces import AxleForces
 from roadstate.estimators.base import Estimate, Estimator, Need, Sample, Smoothable, leaf
-from roadstate.estimators.contact_forces import AxleForces, ForceMeter, ForceMeterState
+from roadstate.estimators.contact_forces import ForceMeter, ForceMeterState
 from roadstate.estimators.friction_bank import BankState, FrictionBank
 from roadstate.estimators.intake import (
     ACCEL_X,
@@ -39,7 +40,7 @@ from roadstate.estimators.pitch import PitchMeter, PitchState
 from roadstate.estimators.plausibility import TORQUE, Plausibility, PlausibilityState
 from roadstate.estimators.redundancy import GROUP, YAW
 from roadstate.estimators.sideways import BANK, V_Y
-from roadstate.estimators.signals import STANDSTILL_SPEED
+from roadstate.estimators.signals import NEVER, STANDSTILL_SPEED
 from roadstate.estimators.tire_contact import ContactState
 from roadstate.estimators.watch import Watch, WatchState
 from roadstate.filters import KF, FilterState, GateRule
@@ -53,7 +54,6 @@ _FAULTY = 0.3  # s of a refused or stuck sensor after which it is called faulty
 _SURE = 0.6  # ratio of the 5 % to the 95 % bound from which on friction counts as known
 _QUANTILES = (0.05, 0.5, 0.95)
 _LEAST_STEP = 1e-3  # s
-_NEVER = 1e6  # s
 _AFRESH = 0.4  # s until what is slowed has forgotten a sensor that lied
 _LATE_TIME = 0.5  # s: how long an error of a late signal lasts
 _PATIENCE = 300  # samples for which a spinning or locked wheel may be refused
@@ -193,7 +193,7 @@ class Joint(Estimator[JointState]):
             bank=self.bank.init(),
             pitch=self.pitch.init(),
             unrest=self.inputs.start(),
-            speed_age=zero + _NEVER,
+            speed_age=zero + NEVER,
             doubt=zero,
             fault_age=jnp.zeros(len(ROWS) + len(self.sensors)),
             latest=self.forces.nothing(),
@@ -211,7 +211,7 @@ class Joint(Estimator[JointState]):
         bias = x[BIAS] + x[SCALE] * state.latest.lean.lasting
         error = jnp.stack([bias, jnp.zeros_like(bias)])
         meter, balance = self.forces.read(state.forces, sample, seen, x[SPEED], error, x[SLOPE], dt)
-        forces = balance._replace(age=jnp.where(verdict.lies[TORQUE], _NEVER, balance.age))
+        forces = balance._replace(age=jnp.where(verdict.lies[TORQUE], NEVER, balance.age))
         contact, u, z = self.inputs.read(
             state, held, seen, forces, sample, across[V_Y], dt, verdict.sign(ACCEL_X)
         )
@@ -239,7 +239,7 @@ class Joint(Estimator[JointState]):
         speed = along.gaussian.mean[SPEED]
         rolling = self.along.rolling(along.gaussian, jnp.maximum(jnp.abs(speed), 1.0))
         gain = u.accel - along.gaussian.mean[SLOPE] - along.gaussian.mean[BIAS]
-        since = jnp.where(state.speed_age < _NEVER, dt, _NEVER)
+        since = jnp.where(state.speed_age < NEVER, dt, NEVER)
         contact, touch = self.inputs.contact.touch(contact, seen, forces, speed, rolling, gain, since)
         late = self.watch.lateness(watch, WHEEL_SPEEDS) * gain / jnp.maximum(jnp.abs(speed), 1.0)
         touch = touch._replace(slip_shared=jnp.hypot(touch.slip_shared, jnp.max(jnp.abs(late))))

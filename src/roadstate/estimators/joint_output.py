@@ -10,8 +10,8 @@ from jaxtyping import Array, Bool
 
 from roadstate.core.constants import GRAVITY
 from roadstate.estimators.along import BIAS, SLOPE, SPEED
+from roadstate.estimators.axle_forces import AxleForces, by_axle
 from roadstate.estimators.base import Estimate
-from roadstate.estimators.contact_forces import AxleForces, by_axle
 from roadstate.estimators.friction_bank import VIEWS
 from roadstate.estimators.intake import ACCEL_X, ACCEL_Y, SMOOTHING, STALE
 from roadstate.estimators.sideways import BANK, BIAS_Y, LEVER, SLOWEST, V_Y

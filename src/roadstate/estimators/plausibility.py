@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from roadstate.core.kernel import once
-from roadstate.estimators.contact_forces import AxleForces
+from roadstate.estimators.axle_forces import AxleForces
 from roadstate.estimators.intake import ACCEL_X, ACCEL_Y, SPIN, STALE, STEER, YAW_RATE, Signals
 from roadstate.estimators.redundancy import DELAY, GROUP, TELLINGS, Redundancy, inner_mean
 from roadstate.estimators.signals import Held

@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from roadstate.core.constants import GRAVITY
+from roadstate.estimators.axle_forces import AxleForces, steered_cosines
 from roadstate.estimators.base import leaf
-from roadstate.estimators.contact_forces import AxleForces, steered_cosines
 from roadstate.estimators.intake import ACCEL_X, ACCEL_Y, SPIN, STALE, STEER, YAW_RATE, Signals
 from roadstate.estimators.signals import Held
 

@@ -24,7 +24,8 @@ _DEAD_BAND = 0.7
 """Below this speed (m/s) a wheel's tooth sensor may read anything down to zero."""
 _DEAD_BAND_STD = 0.25
 _DRIVEN_NOISE = 2.0  # how much less a driven axle is trusted than one that rolls freely
-_NEVER = 1e6
+NEVER = 1e6
+"""s: age of what has not come yet."""
 
 
 class Held(NamedTuple):
@@ -36,7 +37,7 @@ class Held(NamedTuple):
     @classmethod
     def empty(cls) -> Held:
         """Nothing has come yet."""
-        return cls(jnp.zeros(()), jnp.full((), _NEVER))
+        return cls(jnp.zeros(()), jnp.full((), NEVER))
 
     def take(self, sample: Float[Array, ""], dt: Float[Array, ""]) -> Held:
         """A sample ``dt`` later, NaN where none came (an infinite one is none)."""

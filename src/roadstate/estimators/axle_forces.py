@@ -1,0 +1,82 @@
+"""What the road does to the tires of each axle, and what is known beside it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from roadstate.estimators.load_transfer import Lean
+
+
+class Current(NamedTuple):
+    """Forces as they are at this instant, noisier than low-passed ones.
+
+    Attributes:
+        along: (2,) F_x of the axles, in their wheels' frames, N.
+        told: (2,) the same as torques alone tell it, N.
+        across: (2,) F_y of the axles, N.
+        yaw_accel: rad/s².
+    """
+
+    along: Float[Array, " 2"]
+    told: Float[Array, " 2"]
+    across: Float[Array, " 2"]
+    yaw_accel: Float[Array, ""]
+
+
+class AxleForces(NamedTuple):
+    """Forces on a car of exactly the file's mass.
+
+    Attributes:
+        along: (4,) F_x of the wheels in their own frames, N.
+        across: (2,) F_y of the axles in their wheels' frames, N.
+        load: (4,) N.
+        steady: (4,) F_x of wheels that turned as the car moves: free of the noise of their speeds, N.
+        told: (4,) F_x of the wheels as torques alone tell them, N.
+        now: what of it is wanted without the low pass's lag.
+        along_std, across_std: (4,), (2,) 1σ over load, beyond what every such measurement errs; infinite
+            where nothing tells.
+        accel: (2,) specific force at the accelerometer along and across, low-passed, m/s².
+        lean: of the body, as late as ``accel``.
+        yaw_accel: rad/s², low-passed.
+        explained: what torques and air resistance make of the first, m/s².
+        drive, brake, rolling: m/s², as :class:`~roadstate.estimators.along.AlongInput`.
+        intensity: of the error of ``explained``, m/s²/√Hz.
+        gust: what wind has in it, m/s²/√Hz: no error of what torques tell of the wheels.
+        age: s since the torque came; huge where there is none.
+        is_shifting, is_brake_unknown: as :class:`~roadstate.estimators.traction.Traction`.
+    """
+
+    along: Float[Array, " 4"]
+    across: Float[Array, " 2"]
+    load: Float[Array, " 4"]
+    steady: Float[Array, " 4"]
+    told: Float[Array, " 4"]
+    now: Current
+    along_std: Float[Array, " 4"]
+    across_std: Float[Array, " 2"]
+    accel: Float[Array, " 2"]
+    lean: Lean
+    yaw_accel: Float[Array, ""]
+    explained: Float[Array, ""]
+    drive: Float[Array, ""]
+    brake: Float[Array, ""]
+    rolling: Float[Array, ""]
+    intensity: Float[Array, ""]
+    gust: Float[Array, ""]
+    age: Float[Array, ""]
+    is_shifting: Bool[Array, ""]
+    is_brake_unknown: Bool[Array, ""]
+
+
+def steered_cosines(cosine: Float[Array, ""]) -> Float[Array, " 4"]:
+    """Cosines of the wheels' angles to the body, of which only the front ones steer."""
+    ahead = jnp.ones_like(cosine)
+    return jnp.stack([cosine, cosine, ahead, ahead])
+
+
+def by_axle(wheels: Float[Array, " 4"]) -> Float[Array, " 2"]:
+    """Sums over the wheels of the front and of the rear axle."""
+    return wheels.reshape(2, 2).sum(axis=1)
