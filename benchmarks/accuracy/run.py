@@ -10,7 +10,7 @@ from typing import Any
 
 import jax
 from benchmarks.accuracy.groups import GROUPS
-from benchmarks.accuracy.groups.base import BUS, SATELLITE, SMOOTHED, Group, Runs
+from benchmarks.accuracy.groups.base import BUS, NO_PITCH, SATELLITE, SMOOTHED, Group, Runs
 from benchmarks.accuracy.groups.friction import Friction
 from benchmarks.accuracy.scenarios import SATELLITE as RECEIVED
 from benchmarks.accuracy.scenarios import few, logs
@@ -21,6 +21,7 @@ from roadstate.estimators import Estimator, build
 from roadstate.run import batch
 from roadstate.vehicles import Vehicle, load_vehicle
 
+_LACKING = {SATELLITE: (), BUS: RECEIVED, NO_PITCH: (*RECEIVED, "pitch_rate")}  # channels, by variant
 Smooth = Callable[[Estimator[Any], Log], Estimates]
 """An estimator's smoothed estimates of a whole log."""
 Progress = Callable[[str, int, int], None]
@@ -177,9 +178,7 @@ def _estimate(
     notes = []
     for name, count in condition.counts.items():
         cars = [car for _, car in condition.recorded[:count]]
-        cut = [
-            log if variant == SATELLITE else without(log, RECEIVED) for log, _ in condition.recorded[:count]
-        ]
+        cut = [without(log, _LACKING[variant]) for log, _ in condition.recorded[:count]]
         try:
             built = [build(name, car, cut[0].available) for car in cars]
         except InputError as error:

@@ -88,7 +88,8 @@ def study(vehicles: Sequence[str], seeds: int, cache: Path | None, progress: Pro
         InputError: a car leaves the road.
     """
     found = Found([], [], [])
-    held_out, again, grippier = Friction(by_drive=True), Friction(), Friction()
+    held_out, again = Friction(by_drive=True), Friction()
+    grippier = Friction(drives=[scenario.name for scenario in GRIPPIER])
     for name in vehicles:
         vehicle = load_vehicle(name)
         drives = {drive: _logs(name, drive, seeds, cache) for drive in (*LEARNED_FROM, *HELD_OUT)}

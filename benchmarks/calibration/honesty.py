@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from benchmarks.accuracy.measures import AXLES
 from benchmarks.calibration.drives import recorded
+from benchmarks.calibration.friction import ASPHALT
 
 from roadstate.calibration import calibrate
 from roadstate.core import InputError, Log
@@ -17,7 +18,7 @@ from roadstate.vehicles import Vehicle
 
 CASES: Mapping[str, tuple[str, ...]] = {
     "mass,aero": ("straight-variable-speed",),
-    "tire": ("slalom", "double-lane-change-48-0.8"),
+    "friction,tire": ("slalom", "double-lane-change-85-0.8", "straight-0.8"),
 }
 """What is learned, and the drives it is learned from."""
 Progress = Callable[[str], None]
@@ -68,12 +69,13 @@ def study(vehicles: Sequence[Vehicle], seeds: int, progress: Progress) -> Found:
 def _reference(vehicle: Vehicle, groups: str, logs: Mapping[str, Log]) -> dict[str, float]:
     """What each figure should come to.
 
-    Mass and drag are the plant's. Of a tire's stiffness steering, suspension and load transfer take a part:
-    its reference is that of the axle in the plant, :func:`axle_stiffness`, which no estimator has a part in.
+    Mass, drag and friction are the plant's. Of a tire's stiffness steering, suspension and load transfer take
+    a part: its reference is that of the axle in the plant, :func:`axle_stiffness`, which no estimator has a
+    part in.
     """
-    if groups != "tire":
+    if "mass" in groups:
         return {"mass": vehicle.mass, "aerodynamics.drag_coefficient": vehicle.aerodynamics.drag_coefficient}
-    return axle_stiffness(vehicle, logs["slalom"])
+    return {"tires.friction": ASPHALT, **axle_stiffness(vehicle, logs["slalom"])}
 
 
 def axle_stiffness(vehicle: Vehicle, log: Log) -> dict[str, float]:

@@ -16,12 +16,14 @@ FRICTION = "Friction with what was learned from other drives"
 _NORMAL_95 = 1.959964
 _HONEST = (
     "Every seed's car is learned anew from its own recordings: mass and drag from `straight-variable-speed` "
-    "(124 s), tires from `slalom` and `double-lane-change-48-0.8` (37 s), channels of the car's own bus. "
+    "(124 s), tires and the friction of dry roads from `slalom`, `double-lane-change-85-0.8` and "
+    "`straight-0.8` (78 s), channels of the car's own bus. "
     "Errors and σ in per cent, root mean square over the seeds that learned the figure; `inside`: of these, "
-    "how many have the reference within ±1.96 σ, the logarithm normal. The reference of mass and drag is the "
-    "plant's own figure. Steering, suspension and load transfer take a part of a tire's stiffness, so its "
-    "reference is the axle's in the plant: lateral force over load by slip angle as the body sees it, below "
-    "0.25 of the load in the slalom, by ideal sensors and the truth; no estimator has part in it. `scatter` "
+    "how many have the reference within ±1.96 σ, the logarithm normal. The reference of mass, drag and "
+    "friction is the plant's own figure. Steering, suspension and load transfer take a part of a tire's "
+    "stiffness, so its reference is the axle's in the plant: lateral force over load by slip angle as the "
+    "body sees it, below 0.25 of the load in the slalom, by ideal sensors and the truth; no estimator has "
+    "part in it. `scatter` "
     "is about the seeds' own mean and needs no reference."
 )
 _ROAD = (

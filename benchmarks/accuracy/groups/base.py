@@ -18,6 +18,8 @@ from roadstate.vehicles import Vehicle
 Array = NDArray[np.float64]
 BUS, SATELLITE, SMOOTHED = "bus", "satellite", "smoothed"
 """What a log is cut to: no receiver's channels, or with them; or with them and smoothed afterwards."""
+NO_PITCH = "bus, no pitch rate"
+"""Nor the pitch rate, which few cars measure."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +29,7 @@ class Runs:
     Attributes:
         vehicle: that was driven, whose figures are the truth.
         drive: name of the scenario.
-        variant: ``BUS``, ``SATELLITE`` or ``SMOOTHED``.
+        variant: ``BUS``, ``SATELLITE``, ``SMOOTHED`` or ``NO_PITCH``.
         estimator: its name.
         logs, cars, estimates: of each seed: the log, the vehicle file told, and what came out.
     """

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Sequence
+from typing import ClassVar
 
 import numpy as np
 from benchmarks.accuracy.friction_bound import friction_bound, quantile
-from benchmarks.accuracy.groups.base import SATELLITE, Array, Group, Runs
+from benchmarks.accuracy.groups.base import BUS, SATELLITE, Array, Group, Runs
 from benchmarks.accuracy.measures import (
     AXLES,
     CLASSES,
@@ -129,11 +130,12 @@ class Friction(Group):
     title = (
         "Peak friction by the share of it that is used: |error| in per cent, over samples, drives and seeds"
     )
+    variant: ClassVar[str] = SATELLITE
     drives = tuple((drive, SATELLITE) for drive in DRIVES)
     quantities = frozenset({"friction_peak"})
 
-    def __init__(self, *, by_drive: bool = False) -> None:
-        self.by_drive = by_drive
+    def __init__(self, *, by_drive: bool = False, drives: Sequence[str] = DRIVES) -> None:
+        self.by_drive, self._drives = by_drive, drives
         # (axle or car, class, statistic, estimator) → vehicle → seed → (drive, samples)
         self._seen: dict[_Key, dict[str, dict[int, list[tuple[str, Array]]]]] = defaultdict(
             lambda: defaultdict(lambda: defaultdict(list))
@@ -142,10 +144,10 @@ class Friction(Group):
 
     def add(self, runs: Runs) -> None:
         """The samples of each class."""
-        if runs.drive not in DRIVES:
+        if runs.drive not in self._drives or runs.variant != self.variant:
             return
         condition = runs.vehicle.name, runs.drive
-        if condition not in self._spread:
+        if self.variant == SATELLITE and condition not in self._spread:
             self._spread[condition] = least_spread(runs.logs[0], runs.vehicle)
         for seed, (estimates, log) in enumerate(zip(runs.estimates, runs.logs, strict=True)):
             for group in AXLES:
@@ -158,7 +160,7 @@ class Friction(Group):
         """A row for each class, statistic, and axle or car; then, if asked for, for each drive as well."""
         found = self._pooled(None)
         if self.by_drive:
-            found += [score for drive in DRIVES for score in self._pooled(drive)]
+            found += [score for drive in self._drives for score in self._pooled(drive)]
         return found
 
     def _pooled(self, drive: str | None) -> list[Score]:
@@ -175,7 +177,7 @@ class Friction(Group):
                     continue
                 whole[vehicle] = summed_up(statistic, np.concatenate(pooled))
                 seeds[vehicle] = np.array([summed_up(statistic, samples) for samples in pooled])
-                if statistic in _SHARES:
+                if statistic in _SHARES and self._spread:
                     drives = [d for parts in chosen for d, _ in parts]
                     bounds[vehicle] = self._bound(vehicle, drives, (place, name), _SHARES[statistic])
             if whole:
@@ -192,3 +194,12 @@ class Friction(Group):
         spreads = [self._spread[vehicle, drive][key] for drive in times]
         weight = [np.full(len(v), n) for v, n in zip(spreads, times.values(), strict=True)]
         return quantile(np.concatenate(spreads), share, np.concatenate(weight))
+
+
+class FrictionOnBus(Friction):
+    """The same without a receiver."""
+
+    name = "friction-bus"
+    title = f"{Friction.title}, no satellites"
+    variant = BUS
+    drives = tuple((drive, BUS) for drive in DRIVES)
