@@ -238,11 +238,18 @@ class _Fit:
         return place
 
     def _climb(self, place: _Place, prior: float) -> _Place:
-        """Fisher scoring with Levenberg's damping, to where the optimum is as good as reached."""
+        """Fisher scoring with Levenberg's damping, to where the optimum is as good as reached.
+
+        Where a step has gone too far, the gradient falling faster than the information says, its direction is
+        stiffened by a symmetric update of rank one (Nocedal & Wright, *Numerical Optimization*, 2nd ed.,
+        § 6.2).
+        """
         on, damping, most = self.active, 0.0, self.evaluations + _MOST
+        stiffer = np.zeros((on.sum(), on.sum()))
         begin, self.converged = place, place.distance(on, prior) <= _NEAR
         while not self.converged and self.evaluations < most and damping < _DAMPING[2]:
             gradient, M = place.slope(on, prior)
+            M = M + stiffer
             step = np.linalg.pinv(M + damping * np.diag(np.diag(M))) @ gradient
             step *= min(1.0, _LONGEST / np.abs(step).max())
             free = place.free.copy()
@@ -259,7 +266,13 @@ class _Fit:
                 if damping > _DAMPING[1]:  # fails not only far out
                     raise
             else:
-                gained = float((free - place.free)[on] @ (gradient + there.slope(on, prior)[0]))
+                way, ahead = (free - place.free)[on], there.slope(on, prior)[0]
+                gained = float(way @ (gradient + ahead))
+                more = gradient - ahead - M @ way
+                if way @ ahead < 0 < more @ way:
+                    stiffer = stiffer + np.outer(more, more) / (more @ way)
+                else:
+                    stiffer = np.zeros_like(stiffer)
             if there is not None and gained > 0:
                 place, damping = there, 0.0
                 self.converged = place.distance(on, prior) <= _NEAR
