@@ -203,7 +203,7 @@ class _Fit:
             curvature: of :class:`Evaluation`, about there.
         """
         place = self._evaluate(start, curvature)
-        found = self._undetermined(place)
+        found: dict[int, str] = {}
         while True:
             if found:
                 self.refused |= found

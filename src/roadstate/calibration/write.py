@@ -22,7 +22,7 @@ _FLOORS: Mapping[Keys, float] = {
     ("prior", "pitch_gradient_std"): 2e-4,
     ("prior", "stiffness_relative"): 0.03,
     ("prior", "tire_shape_std"): 0.05,
-    ("prior", "friction_relative"): 0.05,
+    ("prior", "friction_relative"): 0.08,  # dry roads differ
     ("sensors", "wheel_speed", "scale"): 0.002,
 }
 _LONGEST_SOURCE = 4000
