@@ -15,6 +15,7 @@ from roadstate.core.kernel import once
 from roadstate.estimators.along import BIAS, SCALE, SLOPE, SPEED, AlongInput
 from roadstate.estimators.axle_forces import AxleForces
 from roadstate.estimators.base import Sample, leaf
+from roadstate.estimators.contact_forces import CALM
 from roadstate.estimators.intake import (
     ACCEL_X,
     SMOOTHING,
@@ -39,7 +40,6 @@ _AGE = 0.1  # s by which a receiver's rate of climb may be late
 _JITTER = 0.02  # s: 1σ of what its speed is later or earlier than usual
 _ANY = 5.0  # m/s: 1σ of a speed that is not known yet
 _LEARNED = ("vertical_speed", "traction", "attitude")  # sensors whose noise is learned
-_CALM = 0.1  # m/s²/√Hz: error of the torques' force beyond which it is not the usual one
 _MOVING = 2.0  # m/s from which sensors err as they usually do
 
 
@@ -90,7 +90,7 @@ class AlongIntake(eqx.Module):
         rows = jnp.asarray(self.learned, int)
         calm = jnp.asarray([self.sensors[i] != "traction" for i in self.learned], bool)
         stated = u.sensor_std[rows] / jnp.where(calm, self.learner.scale(unrest), 1.0)
-        usual = (calm | (forces.intensity < _CALM)) & (jnp.abs(u.speed) > _MOVING)
+        usual = (calm | (forces.intensity < CALM)) & (jnp.abs(u.speed) > _MOVING)
         return self.learner.learn(unrest, info.innovation[rows], stated, usual, dt)
 
     def white(self, unrest: Unrest, forces: AxleForces) -> Float[Array, " 3"]:

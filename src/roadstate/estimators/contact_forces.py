@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from roadstate.core.channels import WHEELS
 from roadstate.core.constants import GRAVITY
 from roadstate.core.errors import InputError
 from roadstate.estimators.axle_forces import AxleForces, Current, by_axle, steered_cosines
@@ -44,6 +45,8 @@ _SPLIT_ERROR = 0.3  # 1σ of a brake's share of a force whose distribution nothi
 _INERTIA_ERROR = 0.1  # 1σ of the yaw inertia, as a share of it
 _PLACE_ERROR = 0.05  # m: 1σ of where the IMU is along the car, once that has been learned
 _TRAIL = 0.03  # m: pneumatic trail of a car's tire below the limit
+CALM = 0.1
+"""m/s²/√Hz: error of the torques' force beyond which it is not the usual one."""
 _SPUN = 3.0  # σ of the noise of a wheel's acceleration from which on it counts
 _LARGEST = 0.7  # of the weight: no wheel's torque makes more
 
@@ -55,6 +58,8 @@ class ForceMeterState(NamedTuple):
         traction, brakes: the parts'.
         torque: (8,) drive and brake torques, low-passed, N·m.
         age: s since a drive torque came.
+        explained: specific force that torques and air resistance made at the last sample, m/s², and the
+            intensity of its error, m/s²/√Hz.
         lean: of the body, that shifts load from axle to axle.
     """
 
@@ -62,6 +67,7 @@ class ForceMeterState(NamedTuple):
     brakes: BrakeWatch
     torque: Float[Array, " 8"]
     age: Float[Array, ""]
+    explained: Float[Array, " 2"]
     lean: Lean
 
 
@@ -115,6 +121,7 @@ class ForceMeter(eqx.Module):
 
     channels: tuple[str, ...] = eqx.field(static=True)
     has_torque: bool = eqx.field(static=True)
+    _tells_all: bool = eqx.field(static=True)
     car: SevenDofForces
     _traction: TractionMeter | None
     _driven: Float[Array, " 4"]
@@ -128,6 +135,7 @@ class ForceMeter(eqx.Module):
         except InputError:  # no torque that tells the force at the wheels
             self._traction = None
         self.has_torque = self._traction is not None
+        self._tells_all = self.has_torque and all(f"brake_torque_{w}" in available for w in WHEELS)
         self.channels = () if self._traction is None else self._traction.channels
         self.car = SevenDofForces.from_vehicle(vehicle)
         driven = {"front": (1, 1, 0, 0), "rear": (0, 0, 1, 1), "all": (1, 1, 1, 1)}[vehicle.driveline.driven]
@@ -141,7 +149,9 @@ class ForceMeter(eqx.Module):
         """Nothing has come yet."""
         traction = None if self._traction is None else self._traction.init()
         age = jnp.full((), NEVER)
-        return ForceMeterState(traction, BrakeWatch(jnp.zeros(())), jnp.zeros(8), age, Lean.upright())
+        return ForceMeterState(
+            traction, BrakeWatch(jnp.zeros(())), jnp.zeros(8), age, jnp.zeros(2), Lean.upright()
+        )
 
     def nothing(self) -> AxleForces:
         """What is known before the first sample."""
@@ -177,11 +187,13 @@ class ForceMeter(eqx.Module):
         car, smooth = self.car, signals.smooth
         radius, mass = car.wheel_radius[0], car.mass
         accel = self._freed(smooth, state.lean) - accel_error
-        lean = state.lean.after(accel[0], dt)
+        traction, drive = self._torques(state.traction, sample, speed, dt)
+        # what rough roads shake the accelerometer by does not make the body lean
+        sure = self._tells_all & (state.age < STALE) & (state.explained[1] < CALM)
+        lean = state.lean.after(jnp.where(sure, state.explained[0], accel[0]), dt)
         load = car.wheel_loads(lean.transferred(), accel[1])
         drag = car.drag(speed) / mass
         direction = jnp.tanh(speed / STANDSTILL_SPEED)
-        traction, drive = self._torques(state.traction, sample, speed, dt)
         most = _LARGEST * mass * GRAVITY * radius
         pulling = jnp.clip(drive.drive_torque, -most, most)
         braking = jnp.minimum(drive.brake_torque, most) * direction
@@ -244,7 +256,8 @@ class ForceMeter(eqx.Module):
             is_shifting=drive.is_shifting,
             is_brake_unknown=unknown,
         )
-        return ForceMeterState(traction, brakes, torque, drive.age, lean), forces
+        told = jnp.stack([forces.explained, forces.intensity])
+        return ForceMeterState(traction, brakes, torque, drive.age, told, lean), forces
 
     def _freed(self, signals: Float[Array, " 8"], lean: Lean) -> Float[Array, " 2"]:
         """Specific forces alone: signals are freed of the pitch that would last, not of this one."""
