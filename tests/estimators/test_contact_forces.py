@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jaxtyping import Array
 
 from roadstate.core import WHEELS
-from roadstate.estimators.contact_forces import AxleForces, ForceMeter
+from roadstate.estimators.axle_forces import AxleForces
+from roadstate.estimators.contact_forces import ForceMeter, ForceMeterState
 from roadstate.estimators.intake import ACCEL_X, SPIN, Signals
 from roadstate.estimators.load_transfer import Lean
 from roadstate.vehicles import Vehicle, load_vehicle
@@ -77,3 +80,30 @@ def test_without_lag_and_with_it_forces_that_last_are_the_same(vehicle: Vehicle)
     along = np.asarray(forces.along).reshape(2, 2).sum(axis=1)
     np.testing.assert_allclose(np.asarray(forces.now.along), along, rtol=1e-9)
     np.testing.assert_allclose(np.asarray(forces.now.across), np.asarray(forces.across), atol=1e-9)
+
+
+def leans(vehicle: Vehicle, kinds: tuple[str, ...]) -> np.ndarray:
+    """(600,) the lean over 6 s in which a rough road shakes the accelerometer, at constant torque, m/s²."""
+    meter = ForceMeter(vehicle, [f"{kind}_{w}" for kind in kinds for w in WHEELS])
+    sample = {c: jnp.asarray(200.0 if c.startswith("drive_torque_f") else 0.0) for c in meter.channels}
+
+    def step(state: ForceMeterState, accel: Array) -> tuple[ForceMeterState, Array]:
+        value = jnp.zeros(8).at[ACCEL_X].set(accel).at[SPIN].set(SPEED / vehicle.wheels.radius)
+        zero = jnp.zeros(8)
+        signals = Signals(value, zero, jnp.ones(8, bool), value, zero, value, zero, jnp.zeros(8, bool))
+        speed, still = jnp.asarray(SPEED), jnp.zeros(())
+        state, forces = meter.read(state, sample, signals, speed, jnp.zeros(2), still, jnp.asarray(STEP))
+        return state, forces.lean.accel
+
+    shaken = 1.5 * np.sin(2 * np.pi * 1.5 * STEP * np.arange(600))
+    return np.asarray(jax.lax.scan(step, meter.init(), jnp.asarray(shaken))[1])
+
+
+def test_a_body_leans_by_torques_where_all_are_measured(vehicle: Vehicle) -> None:
+    by_torque, by_accel = (
+        leans(vehicle, kinds)[300:] for kinds in (("drive_torque", "brake_torque"), ("drive_torque",))
+    )
+    assert np.ptp(by_torque) < 0.15  # what turns the wheels up
+    push = 400.0 / vehicle.wheels.radius / vehicle.mass
+    assert 0.2 * push < by_torque.mean() < push  # less air and rolling resistance
+    assert np.ptp(by_accel) > 3.0
