@@ -82,8 +82,14 @@ def test_without_lag_and_with_it_forces_that_last_are_the_same(vehicle: Vehicle)
     np.testing.assert_allclose(np.asarray(forces.now.across), np.asarray(forces.across), atol=1e-9)
 
 
-def leans(vehicle: Vehicle, kinds: tuple[str, ...]) -> np.ndarray:
-    """(600,) the lean over 6 s in which a rough road shakes the accelerometer, at constant torque, m/s²."""
+def leans(vehicle: Vehicle, kinds: tuple[str, ...], lasting: float = 0.0) -> np.ndarray:
+    """(600,) the lean over 6 s in which a rough road shakes the accelerometer, at constant torque, m/s².
+
+    Args:
+        vehicle: with a driven front axle.
+        kinds: of torques that are measured.
+        lasting: what the accelerometer tells beside the shaking, m/s².
+    """
     meter = ForceMeter(vehicle, [f"{kind}_{w}" for kind in kinds for w in WHEELS])
     sample = {c: jnp.asarray(200.0 if c.startswith("drive_torque_f") else 0.0) for c in meter.channels}
 
@@ -95,15 +101,21 @@ def leans(vehicle: Vehicle, kinds: tuple[str, ...]) -> np.ndarray:
         state, forces = meter.read(state, sample, signals, speed, jnp.zeros(2), still, jnp.asarray(STEP))
         return state, forces.lean.accel
 
-    shaken = 1.5 * np.sin(2 * np.pi * 1.5 * STEP * np.arange(600))
+    shaken = lasting + 1.5 * np.sin(2 * np.pi * 1.5 * STEP * np.arange(600))
     return np.asarray(jax.lax.scan(step, meter.init(), jnp.asarray(shaken))[1])
 
 
 def test_a_body_leans_by_torques_where_all_are_measured(vehicle: Vehicle) -> None:
-    by_torque, by_accel = (
-        leans(vehicle, kinds)[300:] for kinds in (("drive_torque", "brake_torque"), ("drive_torque",))
-    )
-    assert np.ptp(by_torque) < 0.15  # what turns the wheels up
     push = 400.0 / vehicle.wheels.radius / vehicle.mass
-    assert 0.2 * push < by_torque.mean() < push  # less air and rolling resistance
+    lasting = 0.75 * push  # less air and rolling resistance
+    by_torque = leans(vehicle, ("drive_torque", "brake_torque"), lasting)[300:]
+    by_accel = leans(vehicle, ("drive_torque",), lasting)[300:]
+    assert np.ptp(by_torque) < 0.15  # what turns the wheels up
+    assert by_torque.mean() == pytest.approx(lasting, rel=0.05)
     assert np.ptp(by_accel) > 3.0
+
+
+def test_a_body_does_not_lean_by_torques_that_lie(vehicle: Vehicle) -> None:
+    """The accelerometer says for seconds that the car brakes, and torques that it is driven."""
+    lying = leans(vehicle, ("drive_torque", "brake_torque"), lasting=-4.0)[300:]
+    assert lying.mean() == pytest.approx(-4.0, abs=0.2)

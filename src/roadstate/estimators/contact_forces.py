@@ -47,6 +47,8 @@ _PLACE_ERROR = 0.05  # m: 1σ of where the IMU is along the car, once that has b
 _TRAIL = 0.03  # m: pneumatic trail of a car's tire below the limit
 CALM = 0.1
 """m/s²/√Hz: error of the torques' force beyond which it is not the usual one."""
+_LATELY = 1.0  # s
+_APART = 1.0  # m/s² by which an accelerometer that is not shaken differs from torques that lie
 _SPUN = 3.0  # σ of the noise of a wheel's acceleration from which on it counts
 _LARGEST = 0.7  # of the weight: no wheel's torque makes more
 
@@ -58,8 +60,8 @@ class ForceMeterState(NamedTuple):
         traction, brakes: the parts'.
         torque: (8,) drive and brake torques, low-passed, N·m.
         age: s since a drive torque came.
-        explained: specific force that torques and air resistance made at the last sample, m/s², and the
-            intensity of its error, m/s²/√Hz.
+        explained: specific force that torques and air resistance made at the last sample, m/s²; the
+            intensity of its error, m/s²/√Hz; and by how much the accelerometer has told more of late, m/s².
         lean: of the body, that shifts load from axle to axle.
     """
 
@@ -67,7 +69,7 @@ class ForceMeterState(NamedTuple):
     brakes: BrakeWatch
     torque: Float[Array, " 8"]
     age: Float[Array, ""]
-    explained: Float[Array, " 2"]
+    explained: Float[Array, " 3"]
     lean: Lean
 
 
@@ -150,7 +152,7 @@ class ForceMeter(eqx.Module):
         traction = None if self._traction is None else self._traction.init()
         age = jnp.full((), NEVER)
         return ForceMeterState(
-            traction, BrakeWatch(jnp.zeros(())), jnp.zeros(8), age, jnp.zeros(2), Lean.upright()
+            traction, BrakeWatch(jnp.zeros(())), jnp.zeros(8), age, jnp.zeros(3), Lean.upright()
         )
 
     def nothing(self) -> AxleForces:
@@ -189,8 +191,10 @@ class ForceMeter(eqx.Module):
         accel = self._freed(smooth, state.lean) - accel_error
         traction, drive = self._torques(state.traction, sample, speed, dt)
         # what rough roads shake the accelerometer by does not make the body lean
-        sure = self._tells_all & (state.age < STALE) & (state.explained[1] < CALM)
-        lean = state.lean.after(jnp.where(sure, state.explained[0], accel[0]), dt)
+        cause, intensity, apart = state.explained
+        apart = apart - jnp.expm1(-dt / _LATELY) * (accel[0] - cause - apart)
+        sure = self._tells_all & (state.age < STALE) & (intensity < CALM) & (jnp.abs(apart) < _APART)
+        lean = state.lean.after(jnp.where(sure, cause, accel[0]), dt)
         load = car.wheel_loads(lean.transferred(), accel[1])
         drag = car.drag(speed) / mass
         direction = jnp.tanh(speed / STANDSTILL_SPEED)
@@ -256,7 +260,7 @@ class ForceMeter(eqx.Module):
             is_shifting=drive.is_shifting,
             is_brake_unknown=unknown,
         )
-        told = jnp.stack([forces.explained, forces.intensity])
+        told = jnp.stack([forces.explained, forces.intensity, apart])
         return ForceMeterState(traction, brakes, torque, drive.age, told, lean), forces
 
     def _freed(self, signals: Float[Array, " 8"], lean: Lean) -> Float[Array, " 2"]:
