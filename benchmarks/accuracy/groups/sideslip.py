@@ -24,7 +24,7 @@ class Sideslip(Group):
 
     def add(self, runs: Runs) -> None:
         """One RMSE per seed."""
-        if runs.drive == DRIVE:
+        if (runs.drive, runs.variant) in self.drives:
             pairs = zip(runs.estimates, runs.logs, strict=True)
             found = [rmse(e, log, "velocity_y", settle=SETTLED) for e, log in pairs]
             self._figures.add(f"velocity_y, {runs.variant}", "m/s", None, runs, found)
