@@ -167,7 +167,8 @@ def _save(folder: Path, made: list[Log]) -> None:
     made[0].select(made[0].references).to_parquet(folder / "truth.parquet")
 
 
-def _named(name: str, **options: float) -> Callable[[Vehicle], Manoeuvre]:
+def named(name: str, **options: float) -> Callable[[Vehicle], Manoeuvre]:
+    """One of the simulator's manoeuvres with some of its options, for a :class:`Scenario`."""
     return lambda vehicle: manoeuvre(name).prepare(vehicle, **options)
 
 
@@ -203,7 +204,7 @@ def _growing(friction: float) -> SpeedPlan:
 
 def _all() -> dict[str, Scenario]:
     found = [
-        Scenario(name, f"{what} on the interchange ramp", _named(name), is_long=True)
+        Scenario(name, f"{what} on the interchange ramp", named(name), is_long=True)
         for name, what in (
             ("straight-constant-speed", "straight at 9.7 m/s"),
             ("straight-variable-speed", "straight at changing speed, with a stop"),
@@ -213,9 +214,9 @@ def _all() -> dict[str, Scenario]:
     for speed in (48.0, 85.0):
         for mu in (0.8, 0.4):
             name = f"double-lane-change-{speed:.0f}-{mu:g}"
-            prepare = _named("double-lane-change", speed=speed * KMH, friction=mu)
+            prepare = named("double-lane-change", speed=speed * KMH, friction=mu)
             found.append(Scenario(name, f"double lane change at {speed:.0f} km/h on {mu:g}", prepare))
-    circle = _named("constant-radius", speed=60 * KMH, friction=0.8)
+    circle = named("constant-radius", speed=60 * KMH, friction=0.8)
     found.append(
         Scenario("circle", "100 m radius, 60 km/h and rising to 80 % of the friction 0.8", circle, True)
     )
@@ -245,7 +246,7 @@ def _all() -> dict[str, Scenario]:
         found.append(Scenario(name, f"braking for 6 m/s² from 20 m/s, {first:g} then {then:g}", prepare))
     for name in ("split-road", "split-road-braking"):
         title = manoeuvre(name).summary
-        found.append(Scenario(name, title, _named(name, friction=0.8)))
+        found.append(Scenario(name, title, named(name, friction=0.8)))
     found.append(Scenario("urban", "ten minutes in town on 0.8", _urban, is_long=True))
     return {s.name: s for s in found}
 

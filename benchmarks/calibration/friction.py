@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 from benchmarks.accuracy.groups.base import SATELLITE, Runs
 from benchmarks.accuracy.groups.friction import Friction
-from benchmarks.accuracy.scenarios import SCENARIOS, Scenario, logs, on_plant
+from benchmarks.accuracy.scenarios import SCENARIOS, Scenario, logs, named, on_plant
 from benchmarks.accuracy.score import Score
 
 from roadstate.calibration import Calibration, calibrate, learned_yaml
@@ -19,24 +18,18 @@ from roadstate.calibration.parameters import with_value
 from roadstate.core import InputError, Log
 from roadstate.estimators import build
 from roadstate.run import batch
-from roadstate.sim.manoeuvres import KMH, Manoeuvre, manoeuvre
+from roadstate.sim.manoeuvres import KMH
 from roadstate.vehicles import Vehicle, load_vehicle, parse_vehicle, vehicle_text
 
 ASPHALT = 0.8
-
-
-def _prepared(name: str, speed: float, friction: float, vehicle: Vehicle) -> Manoeuvre:
-    return manoeuvre(name).prepare(vehicle, speed=speed, friction=friction)
-
-
 LEARNED_FROM = ("double-lane-change-85-0.8", "straight-0.8")
 HELD_OUT = (
     *("circle", "double-lane-change-48-0.4", "straight-0.4", "straight-0.2"),
     *("joint-acceleration-0.8-0.2", "joint-braking-0.2-0.8"),
 )
-_GRIPPY = 1.0
+GRIPPY = 1.0
 GRIPPIER = tuple(
-    Scenario(f"{name}-{_GRIPPY}", title, partial(_prepared, name, speed, _GRIPPY))
+    Scenario(f"{name}-{GRIPPY}", title, named(name, speed=speed, friction=GRIPPY))
     for name, title, speed in (
         ("constant-radius", "100 m radius, rising to 80 % of the friction", 60 * KMH),
         ("double-lane-change", "double lane change at 85 km/h", 85 * KMH),

@@ -90,7 +90,7 @@ def of_friction(found: friction.Found, about: str) -> str:
             _matrix([s for s in single if "≥ 0.7: median" in s.what or "≥ 0.7: too high" in s.what]),
             "On the drives that were learned from, as another seed's sensors recorded them:",
             _matrix([s for s in found.again if ", " not in s.what and "lower" not in s.what]),
-            f"On a road that bears {friction.ASPHALT:g} no longer, but 1.0 "
+            f"On a road that bears {friction.ASPHALT:g} no longer, but {friction.GRIPPY} "
             f"({', '.join(f'`{drive.name}`' for drive in friction.GRIPPIER)}):",
             _matrix([s for s in found.grippier if ", " not in s.what], (friction.TOLD, *friction.LEARNED)),
             "What was learned; of the seeds, mean and scatter, and the mean 1σ stated:",
