@@ -1,13 +1,12 @@
 """How well any filter could know grade and mass with a preset's sensors: the least error, computed.
 
 The car rolls along x with the specific force s that its tires exert: v̇ = s − g sin θ. Of the filter's world
-everything is known (slip, drag, rolling resistance, radius, how the body pitches) but what follows, and the
-least error is the posterior Cramér–Rao bound of that model along the true drive:
+everything is known (slip, radius, how the body pitches) but what follows, and the least error is the posterior Cramér–Rao bound of that model along the true drive:
 
-- s itself, seen by the accelerometer, (1 + γ_a) s + b_a − ψ a_y, and by the torques, (1 + δ + γ) s + β, with
-  γ the gains of the drive's sensors while s > 0, of the brakes' while s < 0: 1σ of the preset, over the
+- s itself, seen by the accelerometer, (1 + γ_a) s + b_a − ψ a_y, and by the torques, (1 + δ + γ) s + β + ε_d v² + ε_r,
+  with γ the gains of the drive's sensors while s > 0, of the brakes' while s < 0: 1σ of the preset, over the
   wheels by shares;
-- δ, the mass, told 5 to 10 % wrong; b_a with the mounting's pitch in it, which drifts; ψ the mounting's yaw;
+- δ, the mass, told 5 to 10 % wrong, as ε_d, drag, and ε_r, rolling resistance; b_a with the mounting's pitch in it, which drifts; ψ the mounting's yaw;
 - v through the place of the teeth, √n times better for n wheels, and the receiver's speed;
 - θ through its rate of change as the pitch gyroscope sees it, θ' v + b_g, and the receiver's rate of climb
   and height; before the drive as the vehicle file has it (:class:`roadstate.estimators.road.GradePrior`).
@@ -26,6 +25,7 @@ from roadstate.core.constants import GRAVITY
 from roadstate.core.gaussian import Gaussian
 from roadstate.cramer_rao import CramerRaoBound, cramer_rao_bound
 from roadstate.estimators.road import GradePrior
+from roadstate.papers.plants import OFF, rms
 from roadstate.sim.sensors import sensor_preset
 from roadstate.sim.sensors.probe import Probe
 from roadstate.sim.sensors.wheel_pulses import ToothSensor
@@ -34,11 +34,11 @@ from roadstate.vehicles import Vehicle
 
 _STATES = (
     "distance", "speed", "force", "grade", "grade_slope", "height", "height_wander", "accel_bias", "mass",
-    "drive_gain", "brake_gain", "accel_gain", "torque_bias", "mounting_yaw", "gyro_bias",
+    "drive_gain", "brake_gain", "accel_gain", "torque_bias", "mounting_yaw", "gyro_bias", "drag", "rolling",
 )  # fmt: skip
 _SENSORS = ("distance", "accel", "torque", "pitch_rate", "speed", "vertical_speed", "altitude")
-MASS_OFF = float(np.sqrt((10.0**3 - 5.0**3) / (3 * 5.0)) / 100)
-"""Root mean square of 5 to 10 %, even chances: 1σ of what a vehicle file of the benchmark tells."""
+MASS_OFF = rms(OFF["mass"])
+"""1σ of what a vehicle file of the benchmark tells of mass, drag and rolling resistance."""
 _ANY = 20.0  # m/s²: 1σ of a force of which nothing is known beforehand
 _BRAKE_SHARES = (0.325, 0.325, 0.175, 0.175)
 
@@ -56,7 +56,7 @@ class _Rolling(StateSpaceModel):
 
     Attributes:
         road: how grade changes.
-        first: (15,) 1σ before the drive.
+        first: (n,) 1σ before the drive.
         walks: 1σ after one second of the drift of distance (from rounding), accelerometer and gyroscope.
         wander: 1σ and correlation time (s) of the receiver's height.
         noise: (7,) 1σ of a sample.
@@ -89,7 +89,7 @@ class _Rolling(StateSpaceModel):
             [
                 x[0],
                 (1 + x[11]) * x[2] + x[7] - x[13] * u.across,
-                (1 + x[8] + gain) * x[2] + x[12],
+                (1 + x[8] + gain) * x[2] + x[12] + x[15] * u.speed**2 + x[16],
                 x[4] * x[1] + x[14],
                 x[1],
                 x[1] * jnp.sin(x[3]),
@@ -98,7 +98,7 @@ class _Rolling(StateSpaceModel):
         )
 
     def sqrt_Q(self, u: _Input, dt: Any) -> Any:
-        q = jnp.zeros((15, 7))
+        q = jnp.zeros((len(_STATES), 7))
         q = q.at[2, 0].set(jnp.where(dt > 0, _ANY, 0.0)).at[3:5, 1:3].set(self.road.sqrt_Q(u.speed * dt))
         q = q.at[6, 3].set(self.wander[0] * jnp.sqrt(-jnp.expm1(-2 * dt / self.wander[1])))
         rows, columns = jnp.asarray([0, 7, 14]), jnp.asarray([4, 5, 6])
@@ -109,7 +109,7 @@ class _Rolling(StateSpaceModel):
         return jnp.diag(self.noise.at[2].set(torque))
 
     def prior(self) -> Gaussian:
-        return Gaussian(jnp.zeros(15), jnp.diag(self.first))
+        return Gaussian(jnp.zeros(len(_STATES)), jnp.diag(self.first))
 
 
 def least_rmse(log: Log, vehicle: Vehicle, *, settle: float) -> float:
@@ -180,6 +180,8 @@ def model(vehicle: Vehicle) -> StateSpaceModel:
         np.hypot(accel.bias, GRAVITY * suite.imu.mounting_std), MASS_OFF, drive.gain_std / np.sqrt(driven),
         brake.gain_std * np.linalg.norm(_BRAKE_SHARES), accel.gain_std, drive.bias * np.sqrt(driven) * lever,
         suite.imu.mounting_std, gyro.bias,
+        MASS_OFF * 0.5 * vehicle.aerodynamics.air_density * vehicle.drag_area / vehicle.mass,
+        MASS_OFF * GRAVITY * vehicle.rolling_resistance.coefficient,
     ]  # fmt: skip
     velocity = suite.gnss.velocity.noise
     noise = [

@@ -36,6 +36,7 @@ class AxleForces(NamedTuple):
         steady: (4,) F_x of wheels that turned as the car moves: free of the noise of their speeds, N.
         told: (4,) F_x of the wheels as torques alone tell them, N.
         now: what of it is wanted without the low pass's lag.
+        stir: (2, 2) by how much the axles' F_x and F_y were ahead of the low pass lately, at most, N.
         along_std, across_std: (4,), (2,) 1σ over load, beyond what every such measurement errs; infinite
             where nothing tells.
         accel: (2,) specific force at the accelerometer along and across, low-passed, m/s².
@@ -55,6 +56,7 @@ class AxleForces(NamedTuple):
     steady: Float[Array, " 4"]
     told: Float[Array, " 4"]
     now: Current
+    stir: Float[Array, "2 2"]
     along_std: Float[Array, " 4"]
     across_std: Float[Array, " 2"]
     accel: Float[Array, " 2"]

@@ -49,6 +49,7 @@ CALM = 0.1
 """m/s²/√Hz: error of the torques' force beyond which it is not the usual one."""
 _LATELY = 1.0  # s
 _APART = 1.0  # m/s² by which an accelerometer that is not shaken differs from torques that lie
+_STIRRED = 0.15  # s for which what stirs up wheels and brakes goes on
 _SPUN = 3.0  # σ of the noise of a wheel's acceleration from which on it counts
 _LARGEST = 0.7  # of the weight: no wheel's torque makes more
 
@@ -62,6 +63,7 @@ class ForceMeterState(NamedTuple):
         age: s since a drive torque came.
         explained: specific force that torques and air resistance made at the last sample, m/s²; the
             intensity of its error, m/s²/√Hz; and by how much the accelerometer has told more of late, m/s².
+        stir: (2, 2) as :class:`~roadstate.estimators.axle_forces.AxleForces`.
         lean: of the body, that shifts load from axle to axle.
     """
 
@@ -70,6 +72,7 @@ class ForceMeterState(NamedTuple):
     torque: Float[Array, " 8"]
     age: Float[Array, ""]
     explained: Float[Array, " 3"]
+    stir: Float[Array, "2 2"]
     lean: Lean
 
 
@@ -152,16 +155,23 @@ class ForceMeter(eqx.Module):
         traction = None if self._traction is None else self._traction.init()
         age = jnp.full((), NEVER)
         return ForceMeterState(
-            traction, BrakeWatch(jnp.zeros(())), jnp.zeros(8), age, jnp.zeros(3), Lean.upright()
+            traction,
+            BrakeWatch(jnp.zeros(())),
+            jnp.zeros(8),
+            age,
+            jnp.zeros(3),
+            jnp.zeros((2, 2)),
+            Lean.upright(),
         )
 
     def nothing(self) -> AxleForces:
         """What is known before the first sample."""
         zero, two, four = jnp.zeros(()), jnp.zeros(2), jnp.zeros(4)
+        now, still = Current(two, two, two, zero), jnp.zeros((2, 2))
         no = jnp.zeros((), bool)
         load = self.car.wheel_loads(zero, zero)
         return AxleForces(
-            four, two, load, four, four, Current(two, two, two, zero), four + jnp.inf, two + jnp.inf, two,
+            four, two, load, four, four, now, still, four + jnp.inf, two + jnp.inf, two,
             Lean.upright(), zero, zero, zero, zero, zero, zero + 1.0, zero, zero + NEVER, no, no,
         )  # fmt: skip
 
@@ -230,6 +240,8 @@ class ForceMeter(eqx.Module):
         fast = self._balance(sharp, signals.now_rate, fresh, scene)
         now = Current(by_axle(fast.along), by_axle(fast.told), fast.across, signals.now_rate[YAW_RATE])
         along, rest, blind = slow.along, slow.rest, slow.blind
+        ahead = jnp.abs(jnp.stack([now.along - by_axle(along), now.across - slow.across]))
+        stir = jnp.maximum(ahead, state.stir * jnp.exp(-dt / _STIRRED))
         axles = by_axle(load)
         split = jnp.where(blind, _SPLIT_ERROR * jnp.abs(along), 0.02 * jnp.abs(rest) * jnp.ones(4))
         unsure = jnp.where(scene.felt | (scene.known & ~unknown), 0.0, jnp.inf)
@@ -245,6 +257,7 @@ class ForceMeter(eqx.Module):
             steady=slow.steady,
             told=slow.told,
             now=now,
+            stir=stir,
             along_std=split / jnp.maximum(load, 0.1 * jnp.mean(load)) + unsure,
             across_std=jnp.hypot(moment, _PLACE_ERROR * rotation / GRAVITY) + missing,
             accel=accel,
@@ -261,7 +274,7 @@ class ForceMeter(eqx.Module):
             is_brake_unknown=unknown,
         )
         told = jnp.stack([forces.explained, forces.intensity, apart])
-        return ForceMeterState(traction, brakes, torque, drive.age, told, lean), forces
+        return ForceMeterState(traction, brakes, torque, drive.age, told, stir, lean), forces
 
     def _freed(self, signals: Float[Array, " 8"], lean: Lean) -> Float[Array, " 2"]:
         """Specific forces alone: signals are freed of the pitch that would last, not of this one."""

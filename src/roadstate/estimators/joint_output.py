@@ -21,9 +21,13 @@ from roadstate.linalg import root
 if TYPE_CHECKING:
     from roadstate.estimators.joint import Joint, JointState
 
-_ROUGH = (0.008, 0.01)  # 1σ of an axle's force along and across, as a share of its load
+_ROUGH = (0.0035, 0.01)  # 1σ of an axle's force along and across, as a share of its load
+_CG_ERROR = 0.015  # of the wheelbase: 1σ of where the centre of gravity is along it
 _SHARED = 0.03  # 1σ of how forces along are shared by the axles, whose torques err each by itself
-_LEAD_ERROR = (0.7, 0.35)  # 1σ of what is added along and across to undo the low pass, as a share of it
+_NOISY = 0.012  # of the load: what sensors' noise makes an axle's force lead its low pass by
+_LEAD_ERROR = np.array(
+    [1.0, 0.7]
+)  # 1σ of what is added along and across to undo the low pass, as a share of it
 _FITTED = 2.06  # white noise's variance after a fit, times its memory
 _SWIFT = np.array([0.3, 0.6]) ** 2  # 1σ² of what accelerometer and torques change by beyond a low pass's lag
 _LEAST_FORCE = 10.0  # N by which an axle without torque shares in what torques err
@@ -65,10 +69,10 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
     axles = by_axle(forces.load)
     # freed of the accelerometer's bias and place
     misread = (side[BIAS_Y] + side[LEVER] * forces.now.yaw_accel) / GRAVITY * axles
-    lateral, ahead = forces.now.across - misread, forces.now.across - forces.across
-    straight = _along(joint, state, scale)
-    late = forces.now.along - by_axle(forces.along)
-    leads = jnp.stack([_LEAD_ERROR[0] * late, _LEAD_ERROR[1] * ahead])
+    lateral = forces.now.across - misread
+    straight, straight_std = _along(joint, state, scale)
+    stir = jnp.maximum(forces.stir - _NOISY * axles, 0.0)
+    leads = jnp.asarray(_LEAD_ERROR, stir.dtype)[:, None] * stir
     used, used_std = _used(forces, straight, lateral, leads, side_std[BIAS_Y])
     ages = state.signals.age
     silent = jnp.minimum(ages[ACCEL_X], 10.0) + jnp.minimum(ages[ACCEL_Y], 3.0)
@@ -80,8 +84,8 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
     for i, where in enumerate(("front", "rear")):
         load, along = axles[i], straight[i]
         rough = jnp.hypot(scale_std * along, _ROUGH[0] * load)
-        rough = jnp.hypot(rough, _SHARED * along)
-        rough = jnp.hypot(rough, _LEAD_ERROR[0] * late[i])
+        rough = jnp.hypot(rough, jnp.hypot(_SHARED * along, straight_std[i]))
+        rough = jnp.hypot(rough, leads[0, i])
         rough = jnp.hypot(rough, _PARKED * load * jnp.exp(-((mean[SPEED] / STANDSTILL_SPEED) ** 2)))
         unsure = 0.5 * (forces.along_std[2 * i] + forces.along_std[2 * i + 1])
         spread = jnp.where(jnp.isfinite(unsure), unsure, 1.0) * load
@@ -89,7 +93,8 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
         if joint.knows_sides:
             across = lateral[i]
             rough = jnp.hypot(scale_std * across, _ROUGH[1] * load)
-            rough = jnp.hypot(rough, _LEAD_ERROR[1] * ahead[i])
+            rough = jnp.hypot(rough, leads[1, i])
+            rough = jnp.hypot(rough, _CG_ERROR * jnp.sum(lateral))
             rough = jnp.hypot(rough, side_std[BIAS_Y] / GRAVITY * load)
             spread = jnp.where(jnp.isfinite(forces.across_std[i]), forces.across_std[i], 1.0) * load
             tell(f"force_y_{where}", scale * across, jnp.hypot(rough, spread))
@@ -102,32 +107,36 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
     return Estimate(values, stds, state.validity, faults)
 
 
-def _along(joint: Joint, state: JointState, scale: Array) -> Array:
-    """(2,) F_x of the axles by torques and accelerometer, each as it is sure, over ``scale``, N.
+def _along(joint: Joint, state: JointState, scale: Array) -> tuple[Array, Array]:
+    """(2,) F_x of the axles by torques and accelerometer, each as it is sure, over ``scale``, and 1σ of what
+    lasts of its error, N.
 
     Torques tell small forces better, and large ones worse, for gains err in proportion; an accelerometer that
     is not mounted straight takes a part of a bend for thrust.
     """
     forces, mean, std = state.latest, state.along.gaussian.mean, state.along.gaussian.std
     measured, told, names = forces.now.along, forces.now.told, joint.along.states
+    mass = joint.forces.car.mass
     if "mass" not in names:
-        return measured
+        return measured, mass * std[BIAS] * jnp.ones(2) / 2
     figures = jnp.asarray([names.index(s) for s in ("drive_gain", "brake_gain", "rolling_resistance")])
     parts = jnp.stack([forces.drive, -forces.brake, -forces.rolling])
     noise = joint.inputs.white(state.unrest, forces) / (2 * SMOOTHING) ** 0.5
     aside = std[names.index("mounting_yaw")] * forces.accel[1] if "mounting_yaw" in names else 0.0
     # what changes fast is told badly, more so by torques, which come late
     gained = jnp.stack([jnp.sum(measured - by_axle(forces.along)), jnp.sum(told - by_axle(forces.told))])
-    swift = jnp.asarray(_SWIFT, gained.dtype) * (gained / joint.forces.car.mass) ** 2
+    swift = jnp.asarray(_SWIFT, gained.dtype) * (gained / mass) ** 2
     fitted = _FITTED * 2 * SMOOTHING / joint.signals.memory[ACCEL_X]
-    by_accel = fitted * noise[0] ** 2 + noise[2] ** 2 + std[BIAS] ** 2 + aside**2 + swift[0]
-    by_torque = noise[1] ** 2 + swift[1] + jnp.sum((std[figures] * parts) ** 2)
+    lasting = jnp.stack([std[BIAS] ** 2 + aside**2, jnp.sum((std[figures] * parts) ** 2)])
+    by_accel = fitted * noise[0] ** 2 + noise[2] ** 2 + lasting[0] + swift[0]
+    by_torque = noise[1] ** 2 + swift[1] + lasting[1]
     size = jnp.abs(told) + _LEAST_FORCE
-    more = joint.forces.car.mass * jnp.sum(mean[figures] * parts)
-    told = (told + more * size / jnp.sum(size)) / scale
+    part = size / jnp.sum(size)
+    told = (told + mass * jnp.sum(mean[figures] * parts) * part) / scale
     # a torque that is silent or lies has no say
     share = jnp.where(forces.age < STALE, by_torque / (by_torque + by_accel), 1.0)
-    return told + share * (measured - told)
+    weights = jnp.stack([share, 1 - share])
+    return told + share * (measured - told), mass * part * root(jnp.sum(weights**2 * lasting))
 
 
 def _used(
@@ -137,5 +146,5 @@ def _used(
     straight, across = jnp.sum(along), jnp.sum(lateral)
     load = jnp.sum(forces.load)
     used = root(straight**2 + across**2) / load
-    unsure = jnp.hypot(bias_std / GRAVITY, jnp.max(jnp.abs(jnp.sum(leads, axis=1))) / load)
-    return used, jnp.sqrt(0.008**2 + (0.02 * used) ** 2 + unsure**2)
+    unsure = jnp.hypot(bias_std / GRAVITY, root(jnp.sum(leads**2)) / load)
+    return used, jnp.sqrt(0.004**2 + (0.02 * used) ** 2 + unsure**2)

@@ -17,7 +17,7 @@ from roadstate.vehicles import Vehicle
 
 _RATE = 200.0  # of the truth that the sensors sample, Hz
 # per cent by which a figure in the estimator's vehicle file is off, either way
-_OFF = {
+OFF = {
     "mass": (5.0, 10.0),
     "yaw_inertia": (5.0, 10.0),
     "cg_height": (5.0, 10.0),
@@ -26,7 +26,13 @@ _OFF = {
     "cg_forward": (1.0, 2.0),
     "radius": (0.3, 1.0),
 }
-_LEANS_OFF = {"pitch_gradient": (5.0, 10.0), "roll_gradient": (5.0, 10.0)}
+# and by sections of the file, likewise
+_SECTIONS_OFF = {
+    "body": {"pitch_gradient": (5.0, 10.0), "roll_gradient": (5.0, 10.0)},
+    "aerodynamics": {"drag_coefficient": (5.0, 10.0)},
+    "rolling_resistance": {"coefficient": (5.0, 10.0)},
+    "tires": {"friction": (5.0, 10.0)},
+}
 
 
 def drive_on(condition: Condition, *, matched: bool) -> Drive:
@@ -66,8 +72,11 @@ def recordings(driven: Drive, condition: Condition, plant: str, seeds: int) -> I
 def told(vehicle: Vehicle, plant: str, seed: int) -> Vehicle:
     """The car as an estimator knows it: itself, or on the mismatched plant one whose figures are off.
 
-    Mass, yaw inertia, CG height, the tires' stiffnesses and how the body leans are then off by 5 to 10 %, the
-    CG's place by 1 to 2 % of the wheelbase and the rolling radius by 0.3 to 1 %, each up or down by chance.
+    Mass, yaw inertia, CG height, the tires' stiffnesses and friction, drag, rolling resistance and how the body
+    leans are then off by 5 to 10 %, the CG's place by 1 to 2 % of the wheelbase and the rolling radius by 0.3
+    to 1 %, each up or down by chance. Where a file states how exact such a figure is, it states the root mean
+    square of this; but of stiffnesses and friction what a file says by default, since the plant's tires are
+    not the file's even before that, and its roads not the file's dry asphalt.
 
     Args:
         vehicle: that is driven.
@@ -77,12 +86,37 @@ def told(vehicle: Vehicle, plant: str, seed: int) -> Vehicle:
     if plant != MISMATCHED:
         return vehicle
     random = _random(seed, "mismatch")
-    off, leans = (
-        {name: random.uniform(*limits) * random.choice((-1.0, 1.0)) for name, limits in figures.items()}
-        for figures in (_OFF, _LEANS_OFF)
+
+    def drawn(figures: dict[str, tuple[float, float]]) -> dict[str, float]:
+        return {name: random.uniform(*limits) * random.choice((-1.0, 1.0)) for name, limits in figures.items()}
+
+    car = mismatched(vehicle, **drawn(OFF))
+    sections = {}
+    for section, figures in _SECTIONS_OFF.items():
+        told_of = getattr(car, section)
+        off = {name: getattr(told_of, name) * (1 + percent / 100) for name, percent in drawn(figures).items()}
+        sections[section] = told_of.model_copy(update=off)
+    car = car.model_copy(update=sections)
+    spread = rms(OFF["mass"])
+    prior = {
+        "mass_relative": spread,
+        "drag_relative": spread,
+        "rolling_resistance_std": spread * vehicle.rolling_resistance.coefficient,
+        "pitch_gradient_std": spread * max(vehicle.body.pitch_gradient, vehicle.body.roll_gradient),
+    }
+    wheel_speed = car.sensors.wheel_speed.model_copy(update={"scale": rms(OFF["radius"])})
+    return car.model_copy(
+        update={
+            "prior": car.prior.model_copy(update=prior),
+            "sensors": car.sensors.model_copy(update={"wheel_speed": wheel_speed}),
+        }
     )
-    body = {name: getattr(vehicle.body, name) * (1 + percent / 100) for name, percent in leans.items()}
-    return mismatched(vehicle, **off).model_copy(update={"body": vehicle.body.model_copy(update=body)})
+
+
+def rms(percent: tuple[float, float]) -> float:
+    """Root mean square of what lies anywhere between two percentages, as a share."""
+    least, most = percent
+    return float(np.sqrt((most**2 + most * least + least**2) / 3)) / 100
 
 
 def _random(seed: int, what: str) -> np.random.Generator:

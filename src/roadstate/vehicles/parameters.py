@@ -64,7 +64,7 @@ class Body(Section):
     pitch_gradient: _AttitudeGradient = 0.0
     """Nose-up pitch of the body against the wheels, per forward specific force (squat; cars 0.001…0.005)"""
     roll_gradient: _AttitudeGradient = 0.0
-    """Roll of the body (right side down) per specific force to the left (cars 0.004…0.012)"""
+    """Roll of the body against the road (right side down) per specific force to the left (cars 0.005…0.014)"""
 
 
 class Wheels(Section):
@@ -173,8 +173,8 @@ class Tires(Section):
     """C_α/F_z of the rear axle, with its suspension"""
     slip_stiffness: _SlipStiffness = 22.0
     """C_κ/F_z: longitudinal force per slip and load at small slip"""
-    friction: _Friction = 1.0
-    """Peak friction coefficient on dry asphalt"""
+    friction: _Friction = 0.9
+    """Peak friction coefficient on dry asphalt (0.8 to 0.9: Wong, Theory of Ground Vehicles, tab. 1.3)"""
     shape: _Shape = 1.45
     """Shape factor C of F/(μF_z) = sin(C atan(x/C)), x = slip × stiffness/μ (passenger cars 1.3…1.7)"""
     relaxation_length: _RelaxationLength = 0.4

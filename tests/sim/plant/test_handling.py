@@ -81,6 +81,20 @@ def test_the_plant_pitches_as_its_file_says(name: str) -> None:
     assert gradients[1] == pytest.approx(gradients[0], rel=0.3)
 
 
+@pytest.mark.parametrize("name", sorted(presets()))
+def test_the_plant_rolls_as_its_file_says(name: str) -> None:
+    """Against the road, in a steady bend: on springs and tires, less what the links take."""
+    vehicle = load_vehicle(name)
+    plant, t = multibody_plant(vehicle), samples(6.0)
+    turned = np.minimum(t, 1.0) * 0.01 * float(plant.steering.ratio)
+    controls = Controls.make(steering_wheel=turned, gear=np.zeros(t.shape))
+    _, truth = drive(plant, Plane(), start(plant, Plane(), 20.0), controls)
+    force = np.asarray(truth.force_body)[-50:, :, 1].sum(axis=1).mean() / vehicle.mass
+    roll = np.asarray(truth.attitude)[-50:, 2].mean()
+    assert force > 0.5
+    assert roll / force == pytest.approx(vehicle.body.roll_gradient, rel=0.06)
+
+
 def test_what_is_given_stays() -> None:
     """A steering stiffness of a plant file, a tire as measured: then the gradient is what comes of them."""
     vehicle = load_vehicle("suv")

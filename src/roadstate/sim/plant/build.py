@@ -34,7 +34,7 @@ _STOP = 8.0  # stiffness of a stop over the spring's
 _LOW_SPEED_DAMPING = 0.2  # damping ratio of a car that stands on its tires' carcasses
 _SHORTEST = 0.01  # m
 _CAMBER = 0.45  # rad/m, of a car's wheel
-_ROLL_GRADIENT = 0.007  # rad/(m/s²), where the vehicle file has none
+_ROLL_GRADIENT = 0.0088  # rad/(m/s²), where the vehicle file has none
 _FRONT_BAR = 0.06  # by which the front's share of the roll stiffness exceeds its share of the load
 _PRESSURE = 1.2e7  # Pa with which brakes stop the car that are in no file
 _WIND_UP = 0.08  # rad of the shafts under it
@@ -74,7 +74,7 @@ def multibody_plant(
     gains = _brake_gains(vehicle)
     vertical = float(tires.stiffness[0])
     chassis = _chassis(vehicle, figures, unsprung, standing, gains)
-    suspension = _suspension(vehicle, figures, unsprung, chassis)
+    suspension = _suspension(vehicle, figures, unsprung, chassis, tires)
     tire, steering_stiffness = matched(
         vehicle, figures, tire, chassis, suspension, vertical, as_measured=tir is not None
     )
@@ -245,7 +245,7 @@ def _camber(axle: SuspensionFigures, track: float) -> float:
 
 
 def _suspension(
-    vehicle: Vehicle, figures: PlantFigures, unsprung: np.ndarray, chassis: Chassis
+    vehicle: Vehicle, figures: PlantFigures, unsprung: np.ndarray, chassis: Chassis, tires: Tires
 ) -> Suspension:
     g = vehicle.geometry
     front, rear = figures.front, figures.rear
@@ -262,6 +262,9 @@ def _suspension(
     axis = front_share * front.roll_centre_height + (1 - front_share) * rear.roll_centre_height
     lever = float(chassis.masses[0]) * (height - axis)
     gradient = vehicle.body.roll_gradient or _ROLL_GRADIENT
+    # the body rolls on its springs by what is left to them: it rolls on its tires as well
+    on_tires = np.sum(tires.stiffness * (0.5 * track[np.array(tires.wheel) // 2]) ** 2)
+    gradient = max(gradient - vehicle.mass * g.cg_height / float(on_tires), 0.1 * gradient)
     wanted = max(lever / gradient + lever * GRAVITY, float(springs.sum()))
     share = min(max(front_share + _FRONT_BAR, springs[0] / wanted), 1 - springs[1] / wanted)
     bars = (np.array([share, 1 - share]) * wanted - whole) / track**2
