@@ -64,7 +64,7 @@ class Body(Section):
     pitch_gradient: _AttitudeGradient = 0.0
     """Nose-up pitch of the body against the wheels, per forward specific force (squat; cars 0.001…0.005)"""
     roll_gradient: _AttitudeGradient = 0.0
-    """Roll of the body against the road (right side down) per specific force to the left (cars 0.005…0.014)"""
+    """Roll of the body against the road (right side down) per specific force to the left (0.005…0.014)"""
 
 
 class Wheels(Section):
