@@ -1,12 +1,14 @@
 """How well any filter could know grade and mass with a preset's sensors: the least error, computed.
 
-The car rolls along x with the specific force s that its tires exert: v̇ = s − g sin θ. Of the filter's world
-everything is known (slip, radius, how the body pitches) but what follows, and the least error is the posterior Cramér–Rao bound of that model along the true drive:
+The car rolls along x with the specific force s that its tires exert, less drag: v̇ = s − g sin θ. Of the
+filter's world everything is known (slip, radius, how the body pitches) but what follows, and the least error
+is the posterior Cramér–Rao bound of that model along the true drive:
 
-- s itself, seen by the accelerometer, (1 + γ_a) s + b_a − ψ a_y, and by the torques, (1 + δ + γ) s + β + ε_d v² + ε_r,
-  with γ the gains of the drive's sensors while s > 0, of the brakes' while s < 0: 1σ of the preset, over the
-  wheels by shares;
-- δ, the mass, told 5 to 10 % wrong, as ε_d, drag, and ε_r, rolling resistance; b_a with the mounting's pitch in it, which drifts; ψ the mounting's yaw;
+- s itself, seen by the accelerometer, (1 + γ_a) s + b_a − ψ a_y, and by the torques, (1 + δ + γ) s + β +
+  ε_d v² + ε_r, with γ the gains of the drive's sensors while s > 0, of the brakes' while s < 0: 1σ of the
+  preset, over the wheels by shares;
+- δ, the mass, told 5 to 10 % wrong, as ε_d, drag, and ε_r, rolling resistance; b_a with the mounting's pitch
+  in it, which drifts; ψ the mounting's yaw;
 - v through the place of the teeth, √n times better for n wheels, and the receiver's speed;
 - θ through its rate of change as the pitch gyroscope sees it, θ' v + b_g, and the receiver's rate of climb
   and height; before the drive as the vehicle file has it (:class:`roadstate.estimators.road.GradePrior`).

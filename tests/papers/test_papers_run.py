@@ -145,6 +145,10 @@ def test_the_mismatched_vehicle_is_off_as_promised() -> None:
         "height": [c.geometry.cg_height / true.geometry.cg_height for c in cars],
         "stiffness": [c.tires.cornering_stiffness_rear / true.tires.cornering_stiffness_rear for c in cars],
         "slip": [c.tires.slip_stiffness / true.tires.slip_stiffness for c in cars],
+        "friction": [c.tires.friction / true.tires.friction for c in cars],
+        "drag": [c.drag_area / true.drag_area for c in cars],
+        "rolling": [c.rolling_resistance.coefficient / true.rolling_resistance.coefficient for c in cars],
+        "pitch": [c.body.pitch_gradient / true.body.pitch_gradient for c in cars],
     }
     for name, values in ratios.items():
         off = np.asarray(values) - 1
@@ -156,6 +160,11 @@ def test_the_mismatched_vehicle_is_off_as_promised() -> None:
     assert 0.01 <= min(map(abs, shift)) <= max(map(abs, shift)) <= 0.02
     assert 0.003 <= min(map(abs, radius)) <= max(map(abs, radius)) <= 0.01
     assert all(c.wheelbase == pytest.approx(true.wheelbase) for c in cars)
+    # and what the file says of how exact they are is true
+    assert np.std(np.asarray(ratios["mass"]) - 1) == pytest.approx(cars[0].prior.mass_relative, rel=0.1)
+    rolling = (np.asarray(ratios["rolling"]) - 1) * true.rolling_resistance.coefficient
+    assert np.std(rolling) == pytest.approx(cars[0].prior.rolling_resistance_std, rel=0.1)
+    assert np.std(radius) == pytest.approx(cars[0].sensors.wheel_speed.scale, rel=0.15)
     # one figure's sign says nothing of another's
     assert abs(np.corrcoef(np.sign(ratios["mass"] - np.ones(40)), np.sign(np.asarray(shift)))[0, 1]) < 0.5
 

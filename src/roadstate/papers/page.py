@@ -25,7 +25,8 @@ _WHAT = {
     "matched": "The plant is the estimators' own model.",
     "full": "The plant is the full vehicle simulator with a Magic Formula 6.1 tire.",
     "full-mismatched": "The full simulator, production sensors, and a vehicle file whose figures are off: "
-    "mass, yaw inertia, height of the centre of gravity and stiffnesses by 5 to 10 %, its place by 1 to 2 % "
+    "mass, yaw inertia, height of the centre of gravity, stiffnesses and friction of the tires, drag, "
+    "rolling resistance and how the body leans by 5 to 10 %, the centre's place by 1 to 2 % "
     "of the wheelbase, the rolling radius by 0.3 to 1 %.",
 }
 _HOW = {"as_printed": "as printed", "best": "best settings"}

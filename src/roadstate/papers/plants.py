@@ -72,11 +72,11 @@ def recordings(driven: Drive, condition: Condition, plant: str, seeds: int) -> I
 def told(vehicle: Vehicle, plant: str, seed: int) -> Vehicle:
     """The car as an estimator knows it: itself, or on the mismatched plant one whose figures are off.
 
-    Mass, yaw inertia, CG height, the tires' stiffnesses and friction, drag, rolling resistance and how the body
-    leans are then off by 5 to 10 %, the CG's place by 1 to 2 % of the wheelbase and the rolling radius by 0.3
-    to 1 %, each up or down by chance. Where a file states how exact such a figure is, it states the root mean
-    square of this; but of stiffnesses and friction what a file says by default, since the plant's tires are
-    not the file's even before that, and its roads not the file's dry asphalt.
+    Mass, yaw inertia, CG height, the tires' stiffnesses and friction, drag, rolling resistance and how the
+    body leans are then off by 5 to 10 %, the CG's place by 1 to 2 % of the wheelbase, the rolling radius by
+    0.3 to 1 %, each up or down by chance. Where a file states how exact such a figure is, it states the root
+    mean square of this; but of stiffnesses and friction what a file says by default, since the plant's tires
+    are not the file's even before that, nor its roads the file's dry asphalt.
 
     Args:
         vehicle: that is driven.
@@ -88,7 +88,9 @@ def told(vehicle: Vehicle, plant: str, seed: int) -> Vehicle:
     random = _random(seed, "mismatch")
 
     def drawn(figures: dict[str, tuple[float, float]]) -> dict[str, float]:
-        return {name: random.uniform(*limits) * random.choice((-1.0, 1.0)) for name, limits in figures.items()}
+        return {
+            name: random.uniform(*limits) * random.choice((-1.0, 1.0)) for name, limits in figures.items()
+        }
 
     car = mismatched(vehicle, **drawn(OFF))
     sections = {}
