@@ -57,7 +57,8 @@ def pushes(friction: float, *, hardest: float) -> tuple[Vehicle, Log]:
     car = load_vehicle("in-wheel-ev")
     low = car.geometry.model_copy(update={"cg_height": 0.01})  # loads stay, and the body does not pitch
     body = car.body.model_copy(update={"pitch_gradient": 0.0})
-    car = car.model_copy(update={"geometry": low, "body": body})
+    dry = car.tires.model_copy(update={"friction": 1.0})
+    car = car.model_copy(update={"geometry": low, "body": body, "tires": dry})
     time = np.arange(0.0, 32.0, dt)
     slip = hardest * np.sin(2 * np.pi * 0.15 * time) * np.linspace(0.3, 1.0, len(time))
     tires, radius, wheel = car.tires, car.wheels.radius, car.wheels.inertia

@@ -19,10 +19,14 @@ FRICTION = 0.6
 
 
 def level_car() -> Vehicle:
-    """A car whose body neither pitches nor rolls."""
+    """A car whose body neither pitches nor rolls, its stiffnesses those at a friction of one."""
     car = load_vehicle("family-car")
+    still = {"pitch_gradient": 0.0, "roll_gradient": 0.0}
     return car.model_copy(
-        update={"body": car.body.model_copy(update={"pitch_gradient": 0.0, "roll_gradient": 0.0})}
+        update={
+            "body": car.body.model_copy(update=still),
+            "tires": car.tires.model_copy(update={"friction": 1.0}),
+        }
     )
 
 
