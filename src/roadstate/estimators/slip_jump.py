@@ -37,6 +37,7 @@ SLIDES = 0.03
 _NEW = 0.8  # s for which a road counts as one that has just begun
 _BUMP = (0.08, 0.15)  # bumps per s, and s for which one lasts
 _WIDER = 20.0  # nats per s by which a bump explains a jump worse than the road does: it might be any
+_SHAKES = 0.05  # slip that bumps make: more of it is less likely one's
 _NOISE = (4e-4, 0.011)  # 1σ of a slip's jump: by itself, and m/s over the speed
 _SWIFT = 0.8  # share of what a slip is uncertain by as it changes: a bump's does, for as long as it lasts
 _FORCE = (0.25, 0.05)  # and shares of the slip that the force's change and the force itself make
@@ -187,7 +188,8 @@ def evidence(
     short = jnp.maximum((_KEEPS * more - before - slip) / std - _SHORT, 0.0)
     exceeds = jnp.where(near, 0.0, _beyond((slip - more) / std_began))
     began = once(_likelihood(jnp.maximum(exceeds, short), tells, step))
-    return Told(jnp.stack([stays, began, jnp.maximum(stays, -_WIDER * step)]), tells[:, 0])
+    shaken = -_WIDER * step * (1 + (slipped / _SHAKES) ** 4)
+    return Told(jnp.stack([stays, began, jnp.maximum(stays, shaken)]), tells[:, 0])
 
 
 def _likelihood(far: Array, tells: Array, step: Array) -> Float[Array, "4 J"]:
