@@ -46,9 +46,8 @@ VIEWS = ("", "_front", "_rear", "_left", "_right")
 _LEAST, _LARGEST, _COUNT = 0.06, 1.35, 32  # a power of two: XLA vectorises it
 _ELSEWHERE = 0.5  # prior probability of a road that is not dry
 _JUMP = 1 / 400.0  # 1/m: how often the road's friction changes altogether
-_JOINS = (
-    1 / 10.0
-)  # 1/m: how soon what a side's wheels have found of its road is taken to hold for each of them
+# 1/m: how soon what a side's wheels have found of its road is taken to hold for each of them
+_JOINS = 1 / 5.0
 _DRIFT = 0.1**2 / 300.0  # 1/m: variance of ln μ that is added by driving on
 _SIDESLIP = 0.1  # rad: 1σ of the rear axle's slip angle
 _ANGLE_ERROR = 0.002  # rad: 1σ of a slip angle, besides what v_y and the steering's bias do to it
