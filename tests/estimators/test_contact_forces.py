@@ -119,3 +119,19 @@ def test_a_body_does_not_lean_by_torques_that_lie(vehicle: Vehicle) -> None:
     """The accelerometer says for seconds that the car brakes, and torques that it is driven."""
     lying = leans(vehicle, ("drive_torque", "brake_torque"), lasting=-4.0)[300:]
     assert lying.mean() == pytest.approx(-4.0, abs=0.2)
+
+
+def test_what_stirs_up_an_axle_is_remembered_for_a_moment(vehicle: Vehicle) -> None:
+    """A jolt of one sample leads the low pass by the force it is, and by 1/e of that .15 s later."""
+    meter = ForceMeter(vehicle, [])
+    zero, state, stir = jnp.zeros(8), meter.init(), []
+    for now in (0.0, -2.0, *[0.0] * 15):
+        sharp = zero.at[ACCEL_X].set(now)
+        signals = Signals(zero, zero, jnp.ones(8, bool), zero, zero, sharp, zero, jnp.zeros(8, bool))
+        speed, still = jnp.asarray(SPEED), jnp.zeros(())
+        state, forces = meter.read(state, {}, signals, speed, jnp.zeros(2), still, jnp.asarray(STEP))
+        stir.append(np.asarray(forces.stir))
+    assert stir[0].max() == 0
+    assert stir[1][0].sum() == pytest.approx(2.0 * vehicle.mass, rel=0.05)  # more, where a body pitches
+    assert stir[1][1].max() == 0
+    np.testing.assert_allclose(stir[16], stir[1] * np.exp(-1), rtol=1e-5)

@@ -52,6 +52,15 @@ class TestLaneChange:
                 error = said.values[f"force_y_{axle}"] - true
                 assert np.sqrt(np.mean(error[100:] ** 2)) < 0.16 * np.abs(true).max()
 
+    @pytest.mark.parametrize("name", ["force_x_front", "force_x_rear", "friction_used"])
+    def test_intervals_are_neither_too_narrow_nor_too_wide(
+        self, lane_change: tuple[list[Log], list[Estimates]], name: str
+    ) -> None:
+        z = np.concatenate(
+            [(e.values[name] - truth(log, name)) / e.std[name] for log, e in zip(*lane_change, strict=True)]
+        )
+        assert 0.5 < np.sqrt(np.mean(z**2)) < 1.3
+
     def test_sideslip(self, lane_change: tuple[list[Log], list[Estimates]]) -> None:
         for log, said in zip(*lane_change, strict=True):
             true = truth(log, "velocity_y")
