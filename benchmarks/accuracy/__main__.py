@@ -153,7 +153,8 @@ def _preamble(about: dict[str, Any]) -> str:
         f"min, {about['processor_seconds'] / 60:.1f} min of processor time. Each drive is driven once on the "
         "multibody plant with anti-lock and traction control, then recorded with every seed's own production "
         "sensors (preset `automotive`); each seed's estimator is told a vehicle file of its own, whose mass, "
-        "yaw inertia, height of the centre of gravity and tire stiffnesses are off by 5 to 10 %. "
+        "yaw inertia, height of the centre of gravity, stiffnesses and friction of the tires, drag, rolling "
+        "resistance and lean are off by 5 to 10 %. "
         f"{' and '.join(f'`{name}`' for name in _ALIKE)} are run only when asked for: they are the model of "
         "`friction-ukf` under another filter."
     )

@@ -84,8 +84,8 @@ def _about(given: argparse.Namespace, study: str, seeds: int, seconds: float, bu
         f"vehicle ({', '.join(given.vehicles)}); roadstate {__version__}, JAX {jax.__version__}, "
         f"Python {platform.python_version()}, {processor()}; {seconds / 60:.1f} min, {busy / 60:.1f} min of "
         "processor time. Multibody plant, production sensors (preset `automotive`), estimator `joint`; each "
-        "seed has a vehicle file of its own, whose mass, yaw inertia, height of the centre of gravity and "
-        "tire stiffnesses are off by 5 to 10 %."
+        "seed has a vehicle file of its own, whose mass, yaw inertia, height of the centre of gravity, "
+        "stiffnesses and friction of the tires, drag, rolling resistance and lean are off by 5 to 10 %."
     )
 
 
