@@ -25,9 +25,8 @@ _ROUGH = (0.0035, 0.01)  # 1σ of an axle's force along and across, as a share o
 _CG_ERROR = 0.015  # of the wheelbase: 1σ of where the centre of gravity is along it
 _SHARED = 0.03  # 1σ of how forces along are shared by the axles, whose torques err each by itself
 _NOISY = 0.012  # of the load: what sensors' noise makes an axle's force lead its low pass by
-_LEAD_ERROR = np.array(
-    [1.0, 0.7]
-)  # 1σ of what is added along and across to undo the low pass, as a share of it
+# 1σ of what is added along and across to undo the low pass, as a share of it
+_LEAD_ERROR = np.array([1.0, 0.7])
 _FITTED = 2.06  # white noise's variance after a fit, times its memory
 _SWIFT = np.array([0.3, 0.6]) ** 2  # 1σ² of what accelerometer and torques change by beyond a low pass's lag
 _LEAST_FORCE = 10.0  # N by which an axle without torque shares in what torques err
@@ -73,7 +72,8 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
     straight, straight_std = _along(joint, state, scale)
     stir = jnp.maximum(forces.stir - _NOISY * axles, 0.0)
     leads = jnp.asarray(_LEAD_ERROR, stir.dtype)[:, None] * stir
-    used, used_std = _used(forces, straight, lateral, leads, side_std[BIAS_Y])
+    lasting = jnp.stack([jnp.sum(straight_std), jnp.sum(axles) * side_std[BIAS_Y] / GRAVITY])
+    used, used_std = _used(forces, straight, lateral, leads, lasting)
     ages = state.signals.age
     silent = jnp.minimum(ages[ACCEL_X], 10.0) + jnp.minimum(ages[ACCEL_Y], 3.0)
     tell("friction_used", used, jnp.hypot(used_std, 0.1 * silent))
@@ -140,11 +140,11 @@ def _along(joint: Joint, state: JointState, scale: Array) -> tuple[Array, Array]
 
 
 def _used(
-    forces: AxleForces, along: Array, lateral: Array, leads: Array, bias_std: Array
+    forces: AxleForces, along: Array, lateral: Array, leads: Array, lasting: Array
 ) -> tuple[Array, Array]:
-    """Friction used by the whole car, and 1σ."""
+    """Friction used by the whole car, and 1σ; ``lasting`` (2,) 1σ of what the forces err by for long, N."""
     straight, across = jnp.sum(along), jnp.sum(lateral)
     load = jnp.sum(forces.load)
     used = root(straight**2 + across**2) / load
-    unsure = jnp.hypot(bias_std / GRAVITY, root(jnp.sum(leads**2)) / load)
+    unsure = root(jnp.sum(leads**2) + jnp.sum(lasting**2)) / load
     return used, jnp.sqrt(0.004**2 + (0.02 * used) ** 2 + unsure**2)
