@@ -150,6 +150,16 @@ def test_a_force_that_has_grown_may_make_a_wheel_slip_on_a_road_that_stays() -> 
     assert (stays[:, DRY] > np.asarray(told(jump, FRICTION))[slip_jump.STAYS][:, DRY]).all()
 
 
+def test_a_bump_explains_a_small_slip_and_hardly_a_large_one() -> None:
+    """Wheels that spin up to a slip of .08 are no shaken ones: on a dry road that costs more than twice."""
+    small, large = (
+        np.asarray(told(np.array([slip, slip]), FRICTION, slip=slip))[slip_jump.SHAKEN][:, DRY]
+        for slip in (0.02, 0.08)
+    )
+    assert (large < 2 * small).all()
+    assert (small > -25.0 * DT).all()
+
+
 def test_a_tire_that_slid_already_may_slide_more_at_its_limit() -> None:
     """As where traction control lets it spin and catches it again."""
     jump = np.array([0.03, 0.03])
