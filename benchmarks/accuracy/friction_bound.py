@@ -56,6 +56,7 @@ from roadstate.cramer_rao import cramer_rao_bound
 from roadstate.estimators.road import GradePrior
 from roadstate.estimators.sideways import BANK_LENGTH
 from roadstate.linalg import tria
+from roadstate.papers.plants import OFF, rms
 from roadstate.sim.sensors import SensorSuite, sensor_preset
 from roadstate.sim.sensors.wheel_pulses import ToothSensor
 from roadstate.statespace import StateSpaceModel
@@ -64,7 +65,6 @@ from roadstate.vehicles import Vehicle
 Array = NDArray[np.float64]
 FRICTION = 0.5
 """1σ of ln μ before the drive."""
-_RADIUS_OFF = float(np.sqrt((1.0**3 - 0.3**3) / (3 * 0.7)) / 100)  # root mean square of 0.3 to 1 %
 _DRIFT = 0.1 / 300.0**0.5  # 1σ of ln μ after one metre
 _ROLLS = {"velocity_x": 1.0, "velocity_y": 0.5, "yaw_rate": 0.1}  # 1σ before the first sample
 _NOTHING = 1e-3  # N·m
@@ -180,7 +180,7 @@ def prior_std(vehicle: Vehicle, suite: SensorSuite) -> dict[str, float]:
         **_stationary("grade", prior.grade_std, prior.grade_correlation_length),
         **_stationary("bank", prior.bank_std, BANK_LENGTH),
         "drag": prior.drag_relative,
-        "radius": _RADIUS_OFF,
+        "radius": rms(OFF["radius"]),
         "rolling_resistance": prior.rolling_resistance_std,
         "shape_x": shape,
         "shape_y": shape,
