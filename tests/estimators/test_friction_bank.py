@@ -119,6 +119,28 @@ class TestBank:
             assert quantiles[at[""]] == pytest.approx(mean)
             assert quantiles[at["_front"]] == pytest.approx(mean, rel=0.35)
 
+    def test_what_may_be_ice_or_asphalt_is_told_as_the_likelier_of_both(self, vehicle: Vehicle) -> None:
+        """Before anything is known: the file's friction, with a deviation about that, though the median of
+        all roads lies between."""
+        bank = FrictionBank(vehicle)
+        state = bank.init()
+        told = bank.likeliest(state)
+        median = np.asarray(bank.quantiles(state, (0.5,)))[0]
+        np.testing.assert_allclose(told, vehicle.tires.friction, rtol=0.02)
+        assert (median < 0.9 * np.asarray(told)).all()
+        p = np.asarray(bank.prior, float)
+        about = np.sqrt(np.sum(p * (np.asarray(bank.friction, float) - told[0]) ** 2))
+        assert np.asarray(bank.std(state, told)) == pytest.approx(about, rel=0.03)
+
+    def test_the_likeliest_of_a_part_that_is_two_is_their_mean(self, vehicle: Vehicle) -> None:
+        bank = FrictionBank(vehicle)
+        braking = touch([-0.13, -0.27, -0.13, -0.27], [-0.9, -0.27 / 22, -0.9, -0.27 / 22])
+        told = np.asarray(bank.likeliest(self.driven(bank, (1.0, touch(0.0, 0.0)), (1.0, braking))))
+        at = {view: i for i, view in enumerate(VIEWS)}
+        assert told[at["_left"]] < 0.25
+        assert told[at["_right"]] > 0.6
+        assert told[at[""]] == pytest.approx(0.5 * (told[at["_left"]] + told[at["_right"]]))
+
     def test_a_wheel_that_is_worn_is_known_by_its_rolling(self, vehicle: Vehicle) -> None:
         """Rolling freely it seems to slip 4 ‰: that is its radius, not friction."""
         bank = FrictionBank(vehicle)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from roadstate.estimators.mixture import inherit, learn, moments
+from roadstate.estimators.mixture import inherit, learn, likeliest, moments
 
 Numbers = NDArray[np.float64]
 
@@ -101,3 +101,29 @@ def test_a_state_that_explains_all_pays_for_it_once(takes: float) -> None:
         total += float(said[0])
     assert float(x[0, 0]) == pytest.approx(offset, abs=0.01)
     assert total == pytest.approx(-0.625 * offset**2 / P0, rel=0.25)
+
+
+def hump(place: float, width: float) -> Numbers:
+    """Of 32 weights, not normalised."""
+    return np.exp(-0.5 * ((np.arange(32) - place) / width) ** 2)
+
+
+@pytest.mark.parametrize("place", [5.0, 5.3, 17.5, 26.81])
+@pytest.mark.parametrize("width", [1.0, 1.5, 4.0])
+def test_the_likeliest_of_a_gaussian_is_its_mean(place: float, width: float) -> None:
+    assert float(likeliest(jnp.asarray(hump(place, width)))) == pytest.approx(place, abs=2e-3)
+
+
+def test_the_likeliest_of_two_humps_is_in_the_higher_one() -> None:
+    rows = jnp.asarray([hump(6, 1.5) + 0.8 * hump(24, 1.5), 0.8 * hump(6, 1.5) + hump(24, 1.5)])
+    np.testing.assert_allclose(likeliest(rows), [6, 24], atol=1e-3)
+
+
+def test_a_single_weight_is_not_the_likeliest_beside_a_hump() -> None:
+    p = hump(20, 3.0) + 1.4 * (np.arange(32) == 3)
+    assert float(likeliest(jnp.asarray(p))) == pytest.approx(20, abs=0.01)
+
+
+def test_the_likeliest_stays_on_the_grid() -> None:
+    rows = jnp.asarray([hump(-3, 2.0), hump(40, 2.0), np.ones(32)])
+    np.testing.assert_allclose(likeliest(rows), [0, 31, 15.5], atol=0.5)

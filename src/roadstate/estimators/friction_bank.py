@@ -18,7 +18,7 @@ from roadstate.estimators.base import leaf
 from roadstate.estimators.friction_curve import Grip, bounded, theoretical_slip
 from roadstate.estimators.friction_wheels import Aside, Wheels
 from roadstate.estimators.intake import SMOOTHING
-from roadstate.estimators.mixture import inherit, learn, moments
+from roadstate.estimators.mixture import inherit, learn, likeliest, moments, padded
 from roadstate.estimators.sideways import (
     BANK,
     BIAS_R,
@@ -272,7 +272,7 @@ class FrictionBank(eqx.Module):
         p = state.weight
         spacing = float(np.log(_LARGEST / _LEAST)) / (_COUNT - 1)
         share = jnp.minimum(0.5 * _DRIFT * distance / spacing**2, 0.25)
-        edge = jnp.concatenate([p[..., :1], p, p[..., -1:]], axis=2)
+        edge = padded(p)
         p = p + share * (edge[..., 2:] - 2 * p + edge[..., :-2])
         joins = -jnp.expm1(-_JOINS * distance)
         found = joins * jnp.tile(jnp.sum(p[:, _SIDES], axis=0), (2, 1))
@@ -288,7 +288,7 @@ class FrictionBank(eqx.Module):
     def _weights(self, state: BankState) -> Float[Array, "7 J"]:
         """Of the hypotheses, for each part, whatever its mode."""
         p = jnp.sum(state.weight, axis=0)
-        return p / jnp.sum(p, axis=1, keepdims=True)
+        return once(p / jnp.sum(p, axis=1, keepdims=True))
 
     def merged(self, state: BankState) -> tuple[Array, Array]:
         """Mean (n,) and 1σ (n,) of :data:`STATES` over all hypotheses."""
@@ -305,14 +305,22 @@ class FrictionBank(eqx.Module):
         here = jnp.sum(jnp.where(is_there, p, 0.0), axis=-1)
         before = jnp.sum(jnp.where(is_there, total, 0.0), axis=-1) - here
         inside = jnp.clip((wanted - before) / jnp.maximum(here, _FLOOR), 0.0, 1.0)
-        grid = jnp.log(self.friction)
-        here = jnp.exp(grid[0] + (grid[1] - grid[0]) * (place + inside - 0.5))
-        return in_default(here @ jnp.asarray(_MEANS.T, p.dtype))
+        return self._of_views(place + inside - 0.5)
 
-    def std(self, state: BankState) -> Float[Array, " 5"]:
-        """1σ of μ in each of :data:`VIEWS`, the grid's own width included."""
+    def likeliest(self, state: BankState) -> Float[Array, " 5"]:
+        """The μ where the density of ln μ is largest, in each of :data:`VIEWS`."""
+        return self._of_views(likeliest(self._weights(state)))
+
+    def _of_views(self, place: Float[Array, "*q 7"]) -> Float[Array, "*q 5"]:
+        """Means of the parts' frictions at places on the grid, in steps."""
+        grid = jnp.log(self.friction)
+        return in_default(jnp.exp(grid[0] + (grid[1] - grid[0]) * place) @ jnp.asarray(_MEANS.T, grid.dtype))
+
+    def std(self, state: BankState, told: Float[Array, " 5"]) -> Float[Array, " 5"]:
+        """1σ of μ about what is ``told`` of it in each of :data:`VIEWS`, the grid's own width included."""
         p = self._weights(state)
         mean = jnp.sum(p * self.friction, axis=1, keepdims=True)
         width = self.friction * float(np.log(_LARGEST / _LEAST) / (_COUNT - 1)) / 12**0.5
         of_parts = root(jnp.sum(p * ((self.friction - mean) ** 2 + width**2), axis=1))
-        return in_default(jnp.asarray(_MEANS, p.dtype) @ of_parts)
+        means = jnp.asarray(_MEANS, p.dtype)
+        return in_default(jnp.hypot(means @ of_parts, means @ mean[:, 0] - in_single(told)))

@@ -52,7 +52,7 @@ if TYPE_CHECKING:
 _SILENT = 3.0  # s without a channel after which the estimate is called a prediction
 _FAULTY = 0.3  # s of a refused or stuck sensor after which it is called faulty
 _SURE = 0.6  # ratio of the 5 % to the 95 % bound from which on friction counts as known
-_QUANTILES = (0.05, 0.5, 0.95)
+_BOUNDS = (0.05, 0.95)
 _LEAST_STEP = 1e-3  # s
 _AFRESH = 0.4  # s until what is slowed has forgotten a sensor that lied
 _LATE_TIME = 0.5  # s: how long an error of a late signal lasts
@@ -70,7 +70,7 @@ class JointState(NamedTuple):
             and each of the filter's sensors refused.
         latest: what the forces were, for :meth:`Joint.estimate`.
         sideways: mean (n,) and 1σ (n,) of what the bank makes of its states.
-        friction: (3, 5) 5 %, 50 % and 95 % quantiles of each view's friction.
+        friction: (3, 5) of each view's friction: the 5 % quantile, the likeliest, the 95 % quantile.
         validity: code.
     """
 
@@ -198,7 +198,7 @@ class Joint(Estimator[JointState]):
             fault_age=jnp.zeros(len(ROWS) + len(self.sensors)),
             latest=self.forces.nothing(),
             sideways=self.bank.merged(self.bank.init()),
-            friction=self.bank.quantiles(self.bank.init(), _QUANTILES),
+            friction=self._friction(self.bank.init()),
             validity=jnp.asarray(int(Validity.SENSOR_MISSING)),
         )
 
@@ -260,7 +260,7 @@ class Joint(Estimator[JointState]):
             refused = refused.at[self.sensors.index("attitude")].max(self.pitch.is_faulty(pitch))
         faulty = jnp.concatenate([raw.is_faulty, refused])
         fault_age = jnp.where(faulty, state.fault_age + dt, 0.0)
-        sideways, friction = once((self.bank.merged(bank), self.bank.quantiles(bank, _QUANTILES)))
+        sideways, friction = once((self.bank.merged(bank), self._friction(bank)))
         new = JointState(
             watch,
             held,
@@ -282,6 +282,10 @@ class Joint(Estimator[JointState]):
         validity = self._validity(new, info)
         info = eqx.tree_at(lambda i: i.log_likelihood, info, info.log_likelihood + likelihood)
         return new._replace(validity=validity), info
+
+    def _friction(self, bank: BankState) -> Float[Array, "3 5"]:
+        low, high = self.bank.quantiles(bank, _BOUNDS)
+        return jnp.stack([low, jnp.clip(self.bank.likeliest(bank), low, high), high])
 
     def _validity(self, state: JointState, info: Info) -> Int[Array, ""]:
         used = jnp.asarray([self.signals.has[i] for i in range(8)])

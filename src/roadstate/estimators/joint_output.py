@@ -34,7 +34,7 @@ _PARKED = 0.08  # of the load: with what brakes hold the axles of a car that sta
 
 
 def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate:
-    """Everything, with standard deviations; friction with its 5 % and 95 % bounds.
+    """Everything, with standard deviations; the likeliest friction with its 5 % and 95 % bounds.
 
     Args:
         joint: the estimator.
@@ -99,7 +99,7 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
             spread = jnp.where(jnp.isfinite(forces.across_std[i]), forces.across_std[i], 1.0) * load
             tell(f"force_y_{where}", scale * across, jnp.hypot(rough, spread))
     low, middle, high = state.friction
-    spread = joint.bank.std(state.bank)
+    spread = joint.bank.std(state.bank, middle)
     for i, view in enumerate(VIEWS):
         name = f"friction_peak{view}"
         tell(name, middle[i], spread[i])

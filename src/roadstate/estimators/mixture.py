@@ -9,6 +9,7 @@ from roadstate.core.kernel import once
 from roadstate.linalg import root
 
 _ROBUST = 16.0  # squared deviations, over σ², from which on a sample counts less
+_FLAT = 1e-4  # curvature of a logarithm from which on a peak has a place between the grid's points
 _ONSET = 8.0  # squared deviations, over σ², that no lasting error explains
 
 
@@ -61,6 +62,32 @@ def moments(x: Array, P: Array, p: Array) -> tuple[Array, Array]:
     mean = jnp.sum(p * x, axis=1)
     own = jnp.stack([P[i, i] for i in range(len(x))])
     return mean, root(jnp.sum(p * (own + (x - mean[:, None]) ** 2), axis=1))
+
+
+def likeliest(p: Array) -> Array:
+    """Place (...,) on the grid, in steps, where weights p (..., J) are largest; between its points, too.
+
+    Weights of neighbours count (1, 2, 1)/4, so that a narrow peak beside a wide hump is not it, and the
+    logarithms' parabola about the largest is exact for a Gaussian.
+    """
+    edge = padded(p)
+    height = edge[..., 2:] + 2 * p + edge[..., :-2]
+    is_top = height == jnp.max(height, axis=-1, keepdims=True)
+    edge = padded(height)
+    grid = jnp.arange(p.shape[-1], dtype=p.dtype)
+
+    def there(row: Array) -> Array:
+        return jnp.sum(jnp.where(is_top, row, 0.0), axis=-1)
+
+    here, count = there(height), there(jnp.ones_like(grid))
+    below, above = jnp.log(there(edge[..., :-2]) / here), jnp.log(there(edge[..., 2:]) / here)
+    aside = jnp.clip(0.5 * (below - above) / jnp.minimum(below + above, -_FLAT), -0.5, 0.5)
+    return jnp.clip(there(grid) / count + aside, 0, len(grid) - 1)
+
+
+def padded(row: Array) -> Array:
+    """With the last axis' ends repeated."""
+    return jnp.concatenate([row[..., :1], row, row[..., -1:]], axis=-1)
 
 
 def inherit(x: Array, P: Array, p: Array, new: Array) -> tuple[Array, Array]:
