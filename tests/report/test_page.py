@@ -20,8 +20,9 @@ from roadstate.core import Estimates, InputError, Log
 from roadstate.metrics import evaluate
 from roadstate.report import write_report
 from roadstate.report.consistency import LAGS, nis_consistency, sensor_consistency
+from roadstate.report.figures import TimeAxes
 from roadstate.report.page import points_per_line
-from roadstate.report.panels import band, spread
+from roadstate.report.panels import band, quantity_panels, spread
 
 GOLDEN = Path(__file__).parent / "golden" / "errors.json"
 EVIL = "<script>alert(1)</script>"
@@ -176,6 +177,32 @@ def test_a_quantity_with_bounds_of_its_own_is_drawn_with_them(results: dict[str,
     lower, upper = band("friction_peak", bare)
     np.testing.assert_allclose([lower[0], upper[0]], [-0.3, 2.1])
     assert spread("friction_peak", bare) == " ± 2σ"
+
+
+def test_an_error_is_in_its_band_where_the_truth_is_within_the_bounds(
+    log: Log, results: dict[str, Estimates]
+) -> None:
+    """A likeliest friction of 0.9, known to be 0.2 to 1.1, errs by 0.65 on a road of 0.25, as it may."""
+    some, count = next(iter(results.values())), len(log.time)
+    told = {"friction_peak": 0.9, "friction_peak_lower": 0.2, "friction_peak_upper": 1.1}
+    known = {"some": replace(some, values=some.values | {q: np.full(count, v) for q, v in told.items()})}
+    true = {f"ref_friction_{w}": np.full(count, 0.25) for w in ("fl", "fr", "rl", "rr")}
+    there = Log(log.time, dict(log.channels) | true, log.metadata)
+    _, panel = quantity_panels(TimeAxes(log.time, 500), "friction_peak", known, there)
+    shapes = [r for r in panel.figure.renderers if type(r.glyph).__name__ == "Patch"]
+    heights = np.concatenate([np.asarray(r.data_source.data["y"]) for r in shapes])
+    assert np.nanmin(heights) == pytest.approx(-0.2, abs=1e-3)
+    assert np.nanmax(heights) == pytest.approx(0.7, abs=1e-3)
+
+
+def test_bounds_are_in_view(log: Log, results: dict[str, Estimates]) -> None:
+    some = next(iter(results.values()))
+    peak = np.full(len(some.time), 0.9)
+    told = {"friction_peak": peak, "friction_peak_lower": 0.2 * peak, "friction_peak_upper": 1.3 * peak}
+    known = {"some": replace(some, values=some.values | told)}
+    [panel, *_] = quantity_panels(TimeAxes(log.time, 500), "friction_peak", known, log)
+    assert panel.figure.y_range.start < 0.18
+    assert panel.figure.y_range.end > 1.17
 
 
 def test_innovations_are_labelled_with_their_unit(

@@ -178,11 +178,19 @@ class TimeAxes:
         return [plot.patch("x", "y", source=backend.source(data), level="image", **look)]
 
 
-def set_view(plot: Any, drawn: Drawn, *, at_least: float = 0.0) -> str:
-    """Set the vertical range by :func:`view_limits`; returns a note of what lies out of view, or nothing."""
+def set_view(plot: Any, drawn: Drawn, *, at_least: float = 0.0, with_bands: bool = False) -> str:
+    """Set the vertical range by :func:`view_limits`; returns a note of what lies out of view, or nothing.
+
+    Args:
+        plot: the figure.
+        drawn: on it.
+        at_least: as there.
+        with_bands: whether the bands' limits say as much as the lines.
+    """
     if len(drawn.lines) == 0:
         return ""
-    low, high = view_limits(drawn.lines, drawn.bands, at_least=at_least)
+    lines = np.concatenate([drawn.lines, drawn.bands]) if with_bands else drawn.lines
+    low, high = view_limits(lines, drawn.bands, at_least=at_least)
     plot.y_range = backend.models().Range1d(low, high)
     return out_of_view(drawn.lines, low, high)
 

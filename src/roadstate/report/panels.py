@@ -83,7 +83,7 @@ def quantity_panels(axes: TimeAxes, quantity: str, results: Results, log: Log) -
         traces.append(Trace(label, values, color, half, lower, upper))
         if truth is not None:
             edge = style.darker(color)
-            low, high = lower - values, upper - values
+            low, high = values - upper, values - lower  # where the error is if the band holds the truth
             error = Trace(label, values - truth, color, half, low, high, 1.2, "solid", 0.8, edge)
             errors.append(error)
     text = QUANTITIES[quantity].description
@@ -91,12 +91,14 @@ def quantity_panels(axes: TimeAxes, quantity: str, results: Results, log: Log) -
     plot = axes.figure(f"{short} [{unit}]", 340)
     is_slope = quantity == "grade"
     drawn = axes.draw(plot, traces, unit, slope=is_slope)
-    note = set_view(plot, drawn, at_least=0.5 if is_slope else 0.0)
+    is_bounded = any(has_bounds(quantity, e) for e in results.values())
+    note = set_view(plot, drawn, at_least=0.5 if is_slope else 0.0, with_bands=is_bounded)
     panels = [Panel(text[0].upper() + text[1:], plot, note)]
     if errors:
         plot = axes.figure(f"error [{unit}]", 220)
         halves = [0.5 * (e.upper - e.lower) for e in errors if e.upper is not None and e.lower is not None]
-        note = set_view(plot, axes.draw(plot, errors, unit), at_least=_bounds_height(halves))
+        drawn, least = axes.draw(plot, errors, unit), _bounds_height(halves)
+        note = set_view(plot, drawn, at_least=least, with_bands=is_bounded)
         axes.mark(plot, 0.0, dash="solid")
         panels.append(Panel(f"Error of {short}: estimate − reference", plot, note))
     return panels

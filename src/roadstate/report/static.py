@@ -59,7 +59,7 @@ def static_figure(
         upper_panel.band(lower, upper, color)
         upper_panel.line(values, color, 1.2, name + spread(quantity, estimates))
         if truth is not None:
-            lower_panel.band(lower - values, upper - values, color)
+            lower_panel.band(values - upper, values - lower, color)
             lower_panel.line(values - truth, color, 1.0)
     unit, least = unit_label(presented_unit(quantity)), 0.5 if quantity == "grade" else 0.0
     upper_panel.finish(f"{quantity.replace('_', ' ')} [{unit}]", least)
