@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,11 +13,12 @@ from cli_case import Run, csv, steady
 
 from roadstate import __version__
 from roadstate.cli import compare as compare_command
+from roadstate.cli.console import console, figure
 from roadstate.core import Estimates, Log, is_bound
 from roadstate.estimators import all_estimators, build, runnable
 from roadstate.io import read_all, write
 from roadstate.io.mapping import DEFAULT_MAPPING
-from roadstate.metrics import evaluate
+from roadstate.metrics import Metrics, evaluate
 from roadstate.run import scan
 from roadstate.vehicles import load_vehicle, presets
 
@@ -50,17 +53,34 @@ def test_compare_table_is_for_people(run: Run, drive_csv: Path) -> None:
     assert fits(end.out)
     assert "drive: 1000 samples from the start" in end.out
     assert compare_command.LEGEND in end.out
-    row = next(line for line in end.out.splitlines() if line.startswith("kmbe"))
+    lines = [line.rstrip() for line in end.out.splitlines()]
+    row = lines[lines.index("kmbe") + 1]
     figures = run("compare", drive_csv, "--vehicle", "family-car", "-e", "kmbe", "--json").json["drive"][
         "kmbe"
     ]
-    assert row.split()[1:5] == [
+    assert row.split()[:4] == [
         "grade",
         "%",
         f"{figures['grade']['mae']:.3f}",
         f"{figures['grade']['rmse']:.3f}",
     ]
     assert "debe" not in end.out
+
+
+def test_no_figure_of_a_full_table_is_cut_off(capsys: pytest.CaptureFixture[str]) -> None:
+    """Of the longest names there are, with figures as wide as they come."""
+    errors = Metrics(
+        unit="N", mae=1234.5, rmse=1345.6, max=12345.6, bias=-0.0123, mae_bias_removed=0.01234,
+        correlation=-0.98765, nees=0.0012345, coverage95=1.0, settle_s=123.4, n=999999,
+    )  # fmt: skip
+    longest = {"friction_peak_right": replace(errors, unit="-"), "force_x_front": errors}
+    console().print(compare_command.metrics_table("drive", {"friction-ukf": longest}, 0.0))
+    shown = capsys.readouterr().out
+    assert fits(shown)
+    for row in [line for line in shown.splitlines() if "100%" in line]:
+        figures = ["1234", "1346", "12346", "-0.012", "0.012", "-0.988", "0.001", "100%", "123.4"]
+        assert row.split()[-9:] == figures
+    assert shown.count("100%") == 2
 
 
 def test_estimate_writes_files_and_a_summary_that_agree(run: Run, drive_csv: Path, tmp_path: Path) -> None:
@@ -99,11 +119,26 @@ def test_estimate_prints_a_table_and_the_files(run: Run, drive_csv: Path, tmp_pa
     out = tmp_path / "o"
     end = run("estimate", drive_csv, "--vehicle", "family-car", "-e", "kmbe", "--out", out)
     assert (end.status, end.err) == (0, "")
-    table, _, files = end.out.partition("\n\n")
+    table, legend, files = end.out.strip().split("\n\n")
     assert fits(table)
+    assert fits(legend)
+    assert re.match(r"drive, kmbe: .*excited \d+ %", table)
     assert "grade %" in table
     assert "grade deg" in table
     assert files.split() == [str(out / "drive.kmbe.parquet"), str(out / "summary.json")]
+
+
+def test_bounds_stand_beside_what_they_bound(run: Run, drive_csv: Path, tmp_path: Path) -> None:
+    end = run("estimate", drive_csv, "-v", "family-car", "-e", "joint", "-o", tmp_path / "o")
+    assert (end.status, end.err) == (0, "")
+    assert fits(end.out.partition("\n\n")[0])
+    found = json.loads((tmp_path / "o" / "summary.json").read_text())["logs"]["drive"]["estimators"]["joint"]
+    of = found["quantities"]
+    row = next(line.split() for line in end.out.splitlines() if line.startswith("friction_peak_rear "))
+    keys = [of["friction_peak_rear"][k] for k in ("mean", "min", "max", "mean_std")]
+    bounds = [of[f"friction_peak_rear_{end}"]["mean"] for end in ("lower", "upper")]
+    assert row[1:] == [figure(v) for v in (*keys, *bounds)]
+    assert not [line for line in end.out.splitlines() if "_lower" in line or "_upper" in line]
 
 
 def test_estimate_writes_a_report(run: Run, drive_csv: Path, tmp_path: Path) -> None:
@@ -255,11 +290,11 @@ def test_demo_needs_nothing_and_its_log_gives_its_table(
     assert opened == [(out / "report.html").as_uri()]
     assert "a longitudinal point-mass model, not the full vehicle simulator" in " ".join(end.out.split())
     assert fits(end.out.partition("\n\nreport: ")[0])
-    shown = [line for line in end.out.splitlines() if line.startswith(("kmbe", "debe"))]
+    shown = [line for line in end.out.splitlines() if line.startswith(("  grade", "  speed"))]
     again = run(*end.out.split("roadstate compare ")[-1].split("\n")[0].join(("compare ", "")).split())
     assert again.status == 0
-    assert set(shown) == {line for line in again.out.splitlines() if line.startswith(("kmbe", "debe"))}
-    assert len(shown) == 2
+    assert set(shown) <= {line for line in again.out.splitlines() if line.startswith(("  grade", "  speed"))}
+    assert len(shown) == 4
 
 
 def test_demo_seed_changes_the_noise_only(run: Run, tmp_path: Path) -> None:

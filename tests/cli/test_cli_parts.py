@@ -32,6 +32,14 @@ def test_figure(value: float | None, digits: int, shown: str) -> None:
     assert figure(value, digits) == shown
 
 
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [(0.012345, "0.012"), (-0.5, "-0.500"), (12.345, "12.3"), (1234.5, "1234"), (3e-6, "0.000")],
+)
+def test_figure_with_so_many_decimals_at_most(value: float, shown: str) -> None:
+    assert figure(value, most=3) == shown
+
+
 @given(st.floats(-1e300, 1e300))
 def test_figure_is_short_and_near(value: float) -> None:
     shown = figure(value)

@@ -82,16 +82,16 @@ def metrics_table(log: str, metrics: Mapping[str, Mapping[str, Metrics]], settle
     samples = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
     start = f"after {settle:g} s" if settle else "from the start"
     rows = table(
-        "estimator", "of", "MAE", "RMSE", "max", "bias", "MAE-b", "r", "NEES", "95%", "settle",
-        left=("estimator", "of"), title=f"{log}: {samples} samples {start}", gap=1,
+        "", "MAE", "RMSE", "max", "bias", "MAE-b", "r", "NEES", "95%", "settle",
+        left=("",), wrap=("",), title=f"{log}: {samples} samples {start}", gap=1,
     )  # fmt: skip
     for estimator, of in metrics.items():
-        head = estimator
+        rows.add_row(estimator)
         for quantity, m in of.items():
-            errors = [f"{v:.3f}" for v in (m.mae, m.rmse, m.max, m.bias, m.mae_bias_removed)]
+            errors = [figure(v, most=3) for v in (m.mae, m.rmse, m.max, m.bias, m.mae_bias_removed, m.nees)]
             correlation = "-" if m.correlation is None else f"{m.correlation:.3f}"
             share = "-" if m.coverage95 is None else f"{100 * m.coverage95:.0f}%"
             settled = "-" if m.settle_s is None else f"{m.settle_s:.1f}"
-            rows.add_row(head, f"{quantity} {m.unit}", *errors, correlation, figure(m.nees), share, settled)
-            head = ""
+            unit = "" if m.unit == "-" else f" {m.unit}"
+            rows.add_row(f"  {quantity}{unit}", *errors[:-1], correlation, errors[-1], share, settled)
     return rows

@@ -58,16 +58,23 @@ def text(content: str) -> Text:
     return Text("".join(c if c.isprintable() or c == "\n" else "\N{REPLACEMENT CHARACTER}" for c in content))
 
 
-def figure(value: float | None, digits: int = 3) -> str:
+def figure(value: float | None, digits: int = 3, most: int | None = None) -> str:
     """A number in as few characters as ``digits`` significant ones take; ``-`` where there is none.
 
     Figures before the decimal point are never dropped: 123456 stays that.
+
+    Args:
+        value: the number.
+        digits: significant ones.
+        most: decimals; as many as it takes by default.
     """
     if value is None or not math.isfinite(value):
         return "-"
     if value == 0:
         return "0"
     size = math.floor(math.log10(abs(value)))
+    if most is not None:
+        return f"{value:.{min(max(digits - 1 - size, 0), most)}f}"
     if size >= 7 or size < -4:
         return f"{value:.{digits - 1}e}"
     return f"{value:.{max(digits - 1 - size, 0)}f}"

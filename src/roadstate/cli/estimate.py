@@ -12,6 +12,8 @@ from roadstate.cli import options
 from roadstate.cli.logs import Source
 
 if TYPE_CHECKING:
+    from rich.table import Table
+
     from roadstate.cli.runs import Run
     from roadstate.vehicles import Vehicle
 
@@ -131,37 +133,50 @@ def write_html(path: Path, run: Run, car: Vehicle, settings: dict[str, Any], tit
 
 
 def _print(logs: dict[str, Any], written: list[str]) -> None:
-    from math import degrees, tan
+    from roadstate.cli.console import console, text
 
-    from roadstate.cli.console import console, figure, table, text
-
-    rows = table(
-        "log", "estimator", "quantity", "mean", "min", "max", "±1σ", "validity",
-        left=("log", "estimator", "quantity", "validity"), wrap=("log", "validity"), gap=1,
-    )  # fmt: skip
-    for name, log in logs.items():
-        for estimator, found in log["estimators"].items():
-            heads = [text(name), estimator]
-            validity = ", ".join(f"{label} {100 * share:.0f} %" for label, share in found["validity"].items())
-            for quantity, q in found["quantities"].items():
-                keys = [q[k] for k in ("mean", "min", "max", "mean_std")]
-                scales: list[tuple[str, Any]] = [(q["unit"], float)]
-                if quantity == "grade":
-                    scales = [("%", lambda v: 100 * tan(v)), ("deg", degrees)]
-                for unit, scale in scales:
-                    shown = ["-" if v is None else figure(scale(v)) for v in keys]
-                    rows.add_row(*heads, f"{quantity} {unit}", *shown, validity)
-                    heads, validity = ["", ""], ""
     screen = console()
-    screen.print(rows)
     for name, log in logs.items():
         for estimator, found in log["estimators"].items():
+            validity = ", ".join(f"{label} {100 * share:.0f} %" for label, share in found["validity"].items())
+            screen.print(_table(f"{name}, {estimator}: {validity}", found["quantities"]))
             for one in found["faults"]:
                 when = f"{one['first_s']:.1f} to {one['last_s']:.1f} s, {100 * one['share']:.0f} %"
-                screen.print(text(f"{name}, {estimator}: {one['fault']} ({when})"), soft_wrap=True)
-    screen.print("grade in % (100 tan θ) and degrees; ±1σ: mean standard deviation\n")
+                screen.print(text(f"{one['fault']} ({when})"), soft_wrap=True)
+            screen.print()
+    screen.print("Over time; ±1σ, 5% and 95%: means. Grade in % (100 tan θ) and degrees.\n")
     smoothed = {q for log in logs.values() for found in log["estimators"].values() for q in found["smoothed"]}
     if smoothed:
         screen.print(f"smoothed: {', '.join(sorted(smoothed))}; the rest as known at the time\n")
     for path in written:
         screen.print(text(path), soft_wrap=True)
+
+
+def _table(title: str, quantities: dict[str, Any]) -> Table:
+    """Of one estimator's quantities over time; bounds stand beside what they bound."""
+    from math import degrees, tan
+
+    from roadstate.cli.console import figure, table
+    from roadstate.core.quantities import BOUNDS
+
+    bounded = [q for q in quantities if all(q + bound in quantities for bound in BOUNDS)]
+    ends = ("5%", "95%") if bounded else ()
+    rows = table(
+        "quantity", "mean", "min", "max", "±1σ", *ends,
+        left=("quantity",), wrap=("quantity",), title=title, gap=1,
+    )  # fmt: skip
+    of_bounds = {q + bound for q in bounded for bound in BOUNDS}
+    for quantity, q in quantities.items():
+        if quantity in of_bounds:
+            continue
+        keys = [q[k] for k in ("mean", "min", "max", "mean_std")]
+        if quantity in bounded:
+            keys += [quantities[quantity + bound]["mean"] for bound in BOUNDS]
+        scales: list[tuple[str, Any]] = [("" if q["unit"] == "-" else q["unit"], float)]
+        if quantity == "grade":
+            scales = [("%", lambda v: 100 * tan(v)), ("deg", degrees)]
+        for unit, scale in scales:
+            rows.add_row(
+                f"{quantity} {unit}".rstrip(), *("-" if v is None else figure(scale(v)) for v in keys)
+            )
+    return rows
