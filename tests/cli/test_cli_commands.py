@@ -285,7 +285,8 @@ def test_demo_needs_nothing_and_its_log_gives_its_table(
     assert (end.status, end.err) == (0, "")
     out = tmp_path / "roadstate-demo"
     assert sorted(f.name for f in out.iterdir()) == [
-        "drive.csv", "drive.debe.parquet", "drive.kmbe.parquet", "report.html", "summary.json",
+        "drive.csv", "drive.debe.parquet", "drive.joint.parquet", "drive.kmbe.parquet", "report.html",
+        "summary.json",
     ]  # fmt: skip
     assert opened == [(out / "report.html").as_uri()]
     assert "a longitudinal point-mass model, not the full vehicle simulator" in " ".join(end.out.split())
@@ -294,7 +295,7 @@ def test_demo_needs_nothing_and_its_log_gives_its_table(
     again = run(*end.out.split("roadstate compare ")[-1].split("\n")[0].join(("compare ", "")).split())
     assert again.status == 0
     assert set(shown) <= {line for line in again.out.splitlines() if line.startswith(("  grade", "  speed"))}
-    assert len(shown) == 4
+    assert len(shown) == 6
 
 
 def test_demo_seed_changes_the_noise_only(run: Run, tmp_path: Path) -> None:

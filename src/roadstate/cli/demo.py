@@ -1,4 +1,4 @@
-"""``roadstate demo``: a simulated drive, two estimators and a report, from no input at all."""
+"""``roadstate demo``: a simulated drive, three estimators and a report, from no input at all."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 _VEHICLE = "family-car"
-_ESTIMATORS = ("kmbe", "debe")
+_ESTIMATORS = ("joint", "kmbe", "debe")
 _SETTLE = 5.0  # s: the estimators begin without knowing the grade
 _WHAT = (
     "A drive over the ramp of Luo et al. (J. Vibroengineering, 2024): grades of -1.8°, 3.4° and -3.9°, "
