@@ -76,7 +76,7 @@ def metrics_table(log: str, metrics: Mapping[str, Mapping[str, Metrics]], settle
         metrics: estimator → quantity → its errors.
         settle: seconds left out at the start.
     """
-    from roadstate.cli.console import figure, table
+    from roadstate.cli.console import figure, table, with_unit
 
     counts = sorted({m.n for of in metrics.values() for m in of.values()})
     samples = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
@@ -88,10 +88,10 @@ def metrics_table(log: str, metrics: Mapping[str, Mapping[str, Metrics]], settle
     for estimator, of in metrics.items():
         rows.add_row(estimator)
         for quantity, m in of.items():
-            errors = [figure(v, most=3) for v in (m.mae, m.rmse, m.max, m.bias, m.mae_bias_removed, m.nees)]
+            errors = [figure(v, most=3) for v in (m.mae, m.rmse, m.max, m.bias, m.mae_bias_removed)]
             correlation = "-" if m.correlation is None else f"{m.correlation:.3f}"
+            nees = figure(m.nees, most=3)
             share = "-" if m.coverage95 is None else f"{100 * m.coverage95:.0f}%"
             settled = "-" if m.settle_s is None else f"{m.settle_s:.1f}"
-            unit = "" if m.unit == "-" else f" {m.unit}"
-            rows.add_row(f"  {quantity}{unit}", *errors[:-1], correlation, errors[-1], share, settled)
+            rows.add_row(f"  {with_unit(quantity, m.unit)}", *errors, correlation, nees, share, settled)
     return rows

@@ -73,11 +73,17 @@ def figure(value: float | None, digits: int = 3, most: int | None = None) -> str
     if value == 0:
         return "0"
     size = math.floor(math.log10(abs(value)))
+    decimals = max(digits - 1 - size, 0)
     if most is not None:
-        return f"{value:.{min(max(digits - 1 - size, 0), most)}f}"
+        return f"{value:.{min(decimals, most)}f}"
     if size >= 7 or size < -4:
         return f"{value:.{digits - 1}e}"
-    return f"{value:.{max(digits - 1 - size, 0)}f}"
+    return f"{value:.{decimals}f}"
+
+
+def with_unit(quantity: str, unit: str) -> str:
+    """A row's heading; a quantity without a dimension stands alone."""
+    return quantity if unit == "-" else f"{quantity} {unit}"
 
 
 def print_json(content: Mapping[str, Any]) -> None:

@@ -156,27 +156,24 @@ def _table(title: str, quantities: dict[str, Any]) -> Table:
     """Of one estimator's quantities over time; bounds stand beside what they bound."""
     from math import degrees, tan
 
-    from roadstate.cli.console import figure, table
-    from roadstate.core.quantities import BOUNDS
+    from roadstate.cli.console import figure, table, with_unit
+    from roadstate.core.quantities import BOUNDS, is_bound
 
-    bounded = [q for q in quantities if all(q + bound in quantities for bound in BOUNDS)]
-    ends = ("5%", "95%") if bounded else ()
+    ends = ("5%", "95%") if any(map(is_bound, quantities)) else ()
     rows = table(
         "quantity", "mean", "min", "max", "±1σ", *ends,
         left=("quantity",), wrap=("quantity",), title=title, gap=1,
     )  # fmt: skip
-    of_bounds = {q + bound for q in bounded for bound in BOUNDS}
     for quantity, q in quantities.items():
-        if quantity in of_bounds:
+        if is_bound(quantity):
             continue
-        keys = [q[k] for k in ("mean", "min", "max", "mean_std")]
-        if quantity in bounded:
-            keys += [quantities[quantity + bound]["mean"] for bound in BOUNDS]
-        scales: list[tuple[str, Any]] = [("" if q["unit"] == "-" else q["unit"], float)]
+        bounds = [quantities[quantity + b]["mean"] for b in BOUNDS if quantity + b in quantities]
+        values = [*(q[k] for k in ("mean", "min", "max", "mean_std")), *bounds]
+        scales: list[tuple[str, Any]] = [(q["unit"], float)]
         if quantity == "grade":
             scales = [("%", lambda v: 100 * tan(v)), ("deg", degrees)]
         for unit, scale in scales:
             rows.add_row(
-                f"{quantity} {unit}".rstrip(), *("-" if v is None else figure(scale(v)) for v in keys)
+                with_unit(quantity, unit), *(figure(None if v is None else scale(v)) for v in values)
             )
     return rows
