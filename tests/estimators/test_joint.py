@@ -6,7 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from roadstate.core import REFERENCES, Estimates, Log, Validity
+from roadstate.core import REFERENCES, WHEELS, Estimates, Log, Validity
+from roadstate.core.constants import GRAVITY
 from roadstate.core.quantities import reference
 from roadstate.estimators import build
 from roadstate.estimators.contact_forces import ForceMeter
@@ -112,6 +113,23 @@ def test_small_forces_are_told_by_torques_and_large_ones_by_the_accelerometer(
     assert 90 < gentle < 160
     assert front(-2000.0, -2200.0, 8.0) < -4150  # brakes' gains err by a tenth and more
     assert front(50.0, 125.0, 0.0, age=9.0) == pytest.approx(250, abs=2)  # silent, or caught lying
+
+
+def test_the_first_sample_of_a_car_on_the_move_is_not_that_of_one_held_by_brakes(vehicle: Vehicle) -> None:
+    """An accelerometer that reads .4 m/s² too low at 72 km/h: torques tell the force at once."""
+    torques = [f"{kind}_torque_{w}" for kind in ("drive", "brake") for w in WHEELS]
+    driven = {f"drive_torque_{w}": 100.0 for w in WHEELS[:2]}
+    wheels = {f"wheel_speed_{w}": 20.0 / vehicle.wheels.radius for w in WHEELS}
+    channels = dict.fromkeys(torques, 0.0) | driven | wheels | {"accel_x": -0.4, "yaw_rate": 0.0}
+    estimator = build("joint", vehicle, list(channels))
+    sample = {c: jnp.asarray(channels[c]) for c in estimator.channels}
+    state, _ = estimator.step(estimator.init(), sample, jnp.zeros(()))
+    said = estimator.estimate(state)
+    rolls = vehicle.rolling_resistance.coefficient * GRAVITY * vehicle.mass / 2
+    assert float(said.values["force_x_front"]) == pytest.approx(
+        200.0 / vehicle.wheels.radius - rolls, rel=0.25
+    )
+    assert float(said.std["force_x_front"]) < 80
 
 
 def test_a_stuck_accelerometer_is_noticed(

@@ -49,6 +49,8 @@ CALM = 0.1
 """m/s²/√Hz: error of the torques' force beyond which it is not the usual one."""
 _LATELY = 1.0  # s
 _APART = 1.0  # m/s² by which an accelerometer that is not shaken differs from torques that lie
+NOISY = 0.012
+"""Share of an axle's load by which sensors' noise makes its force lead a low pass."""
 _STIRRED = 0.15  # s for which what stirs up wheels and brakes goes on
 _SPUN = 3.0  # σ of the noise of a wheel's acceleration from which on it counts
 _LARGEST = 0.7  # of the weight: no wheel's torque makes more
@@ -63,6 +65,8 @@ class ForceMeterState(NamedTuple):
         age: s since a drive torque came.
         explained: specific force that torques and air resistance made at the last sample, m/s²; the
             intensity of its error, m/s²/√Hz; and by how much the accelerometer has told more of late, m/s².
+        calm: (2, 2) F_x of the axles without their wheels' noise, as accelerometer and torques and as torques
+            alone tell it, N: the current ones low-passed.
         stir: (2, 2) as :class:`~roadstate.estimators.axle_forces.AxleForces`.
         lean: of the body, that shifts load from axle to axle.
     """
@@ -72,6 +76,7 @@ class ForceMeterState(NamedTuple):
     torque: Float[Array, " 8"]
     age: Float[Array, ""]
     explained: Float[Array, " 3"]
+    calm: Float[Array, "2 2"]
     stir: Float[Array, "2 2"]
     lean: Lean
 
@@ -161,6 +166,7 @@ class ForceMeter(eqx.Module):
             age,
             jnp.zeros(3),
             jnp.zeros((2, 2)),
+            jnp.zeros((2, 2)),
             Lean.upright(),
         )
 
@@ -238,11 +244,14 @@ class ForceMeter(eqx.Module):
         slow = self._balance(accel, signals.rate, torque, scene)
         sharp = self._freed(signals.now, lean.ahead(SMOOTHING)) - accel_error
         fast = self._balance(sharp, signals.now_rate, fresh, scene)
-        now = Current(by_axle(fast.along), by_axle(fast.told), fast.across, signals.now_rate[YAW_RATE])
         along, rest, blind = slow.along, slow.rest, slow.blind
-        ahead = jnp.abs(jnp.stack([now.along - by_axle(along), now.across - slow.across]))
-        stir = jnp.maximum(ahead, state.stir * jnp.exp(-dt / _STIRRED))
         axles = by_axle(load)
+        current = jnp.stack([by_axle(fast.along), by_axle(fast.told)])
+        calm = state.calm + new * (current - state.calm)
+        swift = calm + damped(current - calm, NOISY * axles)
+        now = Current(swift[0], swift[1], fast.across, signals.now_rate[YAW_RATE])
+        ahead = jnp.abs(jnp.stack([current[0] - by_axle(along), fast.across - slow.across]))
+        stir = jnp.maximum(ahead, state.stir * jnp.exp(-dt / _STIRRED))
         split = jnp.where(blind, _SPLIT_ERROR * jnp.abs(along), 0.02 * jnp.abs(rest) * jnp.ones(4))
         unsure = jnp.where(scene.felt | (scene.known & ~unknown), 0.0, jnp.inf)
         rotation = jnp.abs(signals.rate[YAW_RATE])
@@ -274,7 +283,7 @@ class ForceMeter(eqx.Module):
             is_brake_unknown=unknown,
         )
         told = jnp.stack([forces.explained, forces.intensity, apart])
-        return ForceMeterState(traction, brakes, torque, drive.age, told, stir, lean), forces
+        return ForceMeterState(traction, brakes, torque, drive.age, told, calm, stir, lean), forces
 
     def _freed(self, signals: Float[Array, " 8"], lean: Lean) -> Float[Array, " 2"]:
         """Specific forces alone: signals are freed of the pitch that would last, not of this one."""

@@ -31,6 +31,7 @@ from roadstate.estimators.intake import (
     WHEEL_SPEEDS,
     YAW_RATE,
     Intake,
+    Signals,
     SignalState,
     sensor_fault_names,
 )
@@ -210,7 +211,8 @@ class Joint(Estimator[JointState]):
         seen = once(self.trust.mend(state.trust, verdict, raw, x[SPEED]))
         bias = x[BIAS] + x[SCALE] * state.latest.lean.lasting
         error = jnp.stack([bias, jnp.zeros_like(bias)])
-        meter, balance = self.forces.read(state.forces, sample, seen, x[SPEED], error, x[SLOPE], dt)
+        moving = jnp.where(state.speed_age < NEVER, x[SPEED], self._first_speed(sample, seen))
+        meter, balance = self.forces.read(state.forces, sample, seen, moving, error, x[SLOPE], dt)
         forces = balance._replace(age=jnp.where(verdict.lies[TORQUE], NEVER, balance.age))
         contact, u, z = self.inputs.read(
             state, held, seen, forces, sample, across[V_Y], dt, verdict.sign(ACCEL_X)
@@ -282,6 +284,15 @@ class Joint(Estimator[JointState]):
         validity = self._validity(new, info)
         info = eqx.tree_at(lambda i: i.log_likelihood, info, info.log_likelihood + likelihood)
         return new._replace(validity=validity), info
+
+    def _first_speed(self, sample: Sample, seen: Signals) -> Float[Array, ""]:
+        """What wheels, or else a receiver, say of the speed before the filter does: a car that is taken to
+        stand could be held by its brakes, and air does not resist it."""
+        told = seen.is_fresh[SPIN]
+        rims = self.forces.car.wheel_radius * jnp.where(told, seen.value[SPIN], 0.0)
+        other = sample["speed"] if "speed" in self.channels else jnp.zeros(())
+        other = jnp.where(jnp.isfinite(other), other, 0.0)
+        return jnp.where(jnp.any(told), jnp.sum(rims) / jnp.maximum(jnp.sum(told), 1), other)
 
     def _friction(self, bank: BankState) -> Float[Array, "3 5"]:
         low, high = self.bank.quantiles(bank, _BOUNDS)

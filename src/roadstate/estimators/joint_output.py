@@ -12,6 +12,7 @@ from roadstate.core.constants import GRAVITY
 from roadstate.estimators.along import BIAS, SLOPE, SPEED
 from roadstate.estimators.axle_forces import AxleForces, by_axle
 from roadstate.estimators.base import Estimate
+from roadstate.estimators.contact_forces import NOISY
 from roadstate.estimators.friction_bank import VIEWS
 from roadstate.estimators.intake import ACCEL_X, ACCEL_Y, SMOOTHING, STALE
 from roadstate.estimators.sideways import BANK, BIAS_Y, LEVER, SLOWEST, V_Y
@@ -21,10 +22,9 @@ from roadstate.linalg import root
 if TYPE_CHECKING:
     from roadstate.estimators.joint import Joint, JointState
 
-_ROUGH = (0.0035, 0.01)  # 1σ of an axle's force along and across, as a share of its load
+_ROUGH = (0.003, 0.01)  # 1σ of an axle's force along and across, as a share of its load
 _CG_ERROR = 0.015  # of the wheelbase: 1σ of where the centre of gravity is along it
 _SHARED = 0.03  # 1σ of how forces along are shared by the axles, whose torques err each by itself
-_NOISY = 0.012  # of the load: what sensors' noise makes an axle's force lead its low pass by
 # 1σ of what is added along and across to undo the low pass, as a share of it
 _LEAD_ERROR = np.array([1.0, 0.7])
 _FITTED = 2.06  # white noise's variance after a fit, times its memory
@@ -70,7 +70,7 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
     misread = (side[BIAS_Y] + side[LEVER] * forces.now.yaw_accel) / GRAVITY * axles
     lateral = forces.now.across - misread
     straight, straight_std = _along(joint, state, scale)
-    stir = jnp.maximum(forces.stir - _NOISY * axles, 0.0)
+    stir = jnp.maximum(forces.stir - NOISY * axles, 0.0)
     leads = jnp.asarray(_LEAD_ERROR, stir.dtype)[:, None] * stir
     lasting = jnp.stack([jnp.sum(straight_std), jnp.sum(axles) * side_std[BIAS_Y] / GRAVITY])
     used, used_std = _used(forces, straight, lateral, leads, lasting)
