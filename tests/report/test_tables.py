@@ -109,3 +109,12 @@ def test_ordinary_lines_are_all_in_view() -> None:
 def test_a_flat_line_has_a_view() -> None:
     low, high = view_limits(np.full(10, 3.0), np.zeros(0))
     assert low < 3.0 < high
+
+
+def test_bounds_that_say_as_much_as_lines_are_in_view() -> None:
+    lines, bounds = np.full(100, 0.8), np.concatenate([np.full(100, 0.1), np.full(100, 1.1)])
+    low, high = view_limits(lines, bounds)
+    assert low > 0.5
+    low, high = view_limits(lines, bounds, with_bands=True)
+    assert low < 0.1
+    assert high > 1.1

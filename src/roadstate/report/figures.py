@@ -184,13 +184,11 @@ def set_view(plot: Any, drawn: Drawn, *, at_least: float = 0.0, with_bands: bool
     Args:
         plot: the figure.
         drawn: on it.
-        at_least: as there.
-        with_bands: whether the bands' limits say as much as the lines.
+        at_least, with_bands: as there.
     """
     if len(drawn.lines) == 0:
         return ""
-    lines = np.concatenate([drawn.lines, drawn.bands]) if with_bands else drawn.lines
-    low, high = view_limits(lines, drawn.bands, at_least=at_least)
+    low, high = view_limits(drawn.lines, drawn.bands, at_least=at_least, with_bands=with_bands)
     plot.y_range = backend.models().Range1d(low, high)
     return out_of_view(drawn.lines, low, high)
 

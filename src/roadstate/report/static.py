@@ -15,7 +15,7 @@ from roadstate.core.tabular import atomic_path
 from roadstate.metrics import check_time, presented, presented_unit
 from roadstate.report import backend, style
 from roadstate.report.downsample import envelope, select
-from roadstate.report.panels import band, spread
+from roadstate.report.panels import band, has_bounds, spread
 from roadstate.report.view import unit_label, view_limits
 
 Array = NDArray[np.float64]
@@ -62,10 +62,11 @@ def static_figure(
             lower_panel.band(values - upper, values - lower, color)
             lower_panel.line(values - truth, color, 1.0)
     unit, least = unit_label(presented_unit(quantity)), 0.5 if quantity == "grade" else 0.0
-    upper_panel.finish(f"{quantity.replace('_', ' ')} [{unit}]", least)
+    is_bounded = any(has_bounds(quantity, e) for e in given.values())
+    upper_panel.finish(f"{quantity.replace('_', ' ')} [{unit}]", least, is_bounded)
     axes[0].legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=4, frameon=False, borderaxespad=0.2)
     if truth is not None:
-        lower_panel.finish(f"error [{unit}]", least)
+        lower_panel.finish(f"error [{unit}]", least, is_bounded)
     axes[-1].set_xlabel("time [s]")
     with atomic_path(path_png) as temporary:
         figure.savefig(temporary, format="png")
@@ -96,11 +97,11 @@ class _Drawing:
             self.axis.fill(xs[inside], ys[inside], color=color, alpha=0.18, lw=0)
         self.bands.append(y)
 
-    def finish(self, label: str, least: float) -> None:
+    def finish(self, label: str, least: float, is_bounded: bool) -> None:
         lines, bands = np.concatenate(self.lines), np.concatenate(self.bands)
         lines, bands = lines[np.isfinite(lines)], bands[np.isfinite(bands)]
         if len(lines):
-            self.axis.set_ylim(*view_limits(lines, bands, at_least=least))
+            self.axis.set_ylim(*view_limits(lines, bands, at_least=least, with_bands=is_bounded))
         self.axis.set_ylabel(label)
         self.axis.grid(color="#E4E4E4", lw=0.8)
         self.axis.set_axisbelow(True)

@@ -8,22 +8,25 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-def view_limits(lines: Array, bands: Array, *, at_least: float = 0.0) -> tuple[float, float]:
+def view_limits(
+    lines: Array, bands: Array, *, at_least: float = 0.0, with_bands: bool = False
+) -> tuple[float, float]:
     """Vertical limits such that one wild sample does not flatten all others.
 
-    All is shown unless it lies further from the central 98 % of the lines than these are wide.
+    All is shown unless it lies further from the central 98 % of the lines than that is wide.
 
     Args:
         lines: heights of the lines on the figure, finite, one at least.
         bands: heights of the bands' limits, finite, may be empty.
         at_least: least half-width about zero to show, in the figure's unit.
+        with_bands: whether the bands' limits say as much as the lines.
 
     Returns:
         Low and high, with a margin.
     """
-    q_low, q_high = (float(q) for q in np.percentile(lines, [1, 99]))
-    reach = max(q_high - q_low, at_least)
     everything = np.concatenate([lines, bands])
+    q_low, q_high = (float(q) for q in np.percentile(everything if with_bands else lines, [1, 99]))
+    reach = max(q_high - q_low, at_least)
     low = max(float(np.min(everything)), q_low - reach)
     high = min(float(np.max(everything)), q_high + reach)
     if at_least:
