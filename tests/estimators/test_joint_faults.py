@@ -252,6 +252,18 @@ def test_in_a_long_bend_the_grade_is_no_surer_than_the_sideslip(run: Run, turn: 
     assert np.abs(said.values["grade"] / said.std["grade"])[late].max() < 2.5
 
 
+def test_a_receiver_tells_that_all_wheels_repeat_themselves(run: Run, turn: Turn) -> None:
+    """They do from 8 to 13 s of a car that speeds up steadily, so that no acceleration changes either."""
+    speed = 8 + 1.6 * np.clip(TIME - 5, 0, 7)
+    log = turn(speed, np.zeros_like(TIME))
+    frozen, at = (TIME >= 8) & (TIME < 13), int(8 * RATE)
+    said = run(log.with_channels({s: np.where(frozen, log[s][at], log[s]) for s in SPINS}))
+    told = named(said)
+    assert all(8.5 < told[f"{s}: stuck, or jumps as no car does"] < 9.2 for s in SPINS)
+    assert np.abs(said.values["speed"] - speed)[(TIME > 9.5) & (TIME < 13)].max() < 0.6
+    sound(said, 0.015, since=14.0)
+
+
 def test_reverse(run: Run, turn: Turn) -> None:
     """Wheels without a sign, a reverse gear: no sign is taken for swapped."""
     speed = -5 - 1.5 * np.sin(2 * np.pi * TIME / 10)

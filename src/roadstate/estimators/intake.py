@@ -68,6 +68,7 @@ class SignalState(NamedTuple):
         smooth: (8,) low-passed values.
         fit: and what they are now.
         gear: latest gear ratio.
+        other: latest speed that wheels do not tell, m/s.
     """
 
     value: Float[Array, " 8"]
@@ -79,6 +80,7 @@ class SignalState(NamedTuple):
     smooth: Float[Array, " 8"]
     fit: Quadratic
     gear: Float[Array, ""]
+    other: Float[Array, ""]
 
 
 class Signals(NamedTuple):
@@ -110,8 +112,8 @@ class Intake(eqx.Module):
 
     A sample that lies too far from the last one to be true is refused, until several in a row say the same. A
     signal that repeats itself to the last bit while its kin change (an accelerometer while the wheels'
-    acceleration changes, a gyroscope while the rear wheels' difference does, a wheel while the others
-    or the acceleration do) is stuck, and counts as missing.
+    acceleration changes, a gyroscope while the rear wheels' difference does, a wheel while the others, the
+    acceleration or a speed that is not the wheels' do) is stuck, and counts as missing.
 
     Attributes:
         channels: canonical channels read.
@@ -141,7 +143,7 @@ class Intake(eqx.Module):
         self.named = tuple(name if name in available else None for name in named)
         self.has = tuple(name is not None for name in self.named)
         used = [name for name in self.named if name is not None]
-        self.channels = (*used, *(["gear_ratio"] if "gear_ratio" in available else []))
+        self.channels = (*used, *(c for c in ("gear_ratio", "speed") if c in available))
         ratio = vehicle.steering.ratio if steering == "steering_wheel" and vehicle.steering else 1.0
         sensors, body = vehicle.sensors, vehicle.body
         noise = np.array([sensors.accel.noise_density, sensors.yaw_rate.noise]) / _USUAL
@@ -155,7 +157,7 @@ class Intake(eqx.Module):
         """Nothing has come yet."""
         none = jnp.zeros(8)
         return SignalState(
-            none, none + NEVER, none, none, none, none, none, Quadratic.start(8), jnp.zeros(())
+            none, none + NEVER, none, none, none, none, none, Quadratic.start(8), none[0], none[0]
         )
 
     def read(
@@ -173,6 +175,8 @@ class Intake(eqx.Module):
         raw = jnp.stack([nothing if n is None else sample[n] for n in self.named])
         gear = sample["gear_ratio"] if "gear_ratio" in self.channels else nothing
         gear = jnp.where(jnp.isfinite(gear), gear, state.gear)
+        other = sample["speed"] if "speed" in self.channels else nothing
+        other = jnp.where(jnp.isfinite(other), other, state.other)
         seen = jnp.isfinite(raw)
         direction = signed_direction(gear)
         turned = jnp.where(jnp.arange(8) >= SPIN.start, jnp.where(raw < 0, 1.0, direction), 1.0)
@@ -186,7 +190,7 @@ class Intake(eqx.Module):
         same = taken & (fresh == state.value)
         repeats = jnp.where(taken, jnp.where(same, state.repeats + 1, 0.0), state.repeats)
         value = jnp.where(taken, fresh, state.value)
-        kin = self._kin(state, value, speed)
+        kin = self._kin(state, value, speed, other)
         low = jnp.where(repeats > 0, jnp.minimum(state.low, kin), kin)
         high = jnp.where(repeats > 0, jnp.maximum(state.high, kin), kin)
         active = (high - low > jnp.asarray(_ACTIVE)) & (jnp.abs(speed) > _SLOWEST)
@@ -209,10 +213,10 @@ class Intake(eqx.Module):
             now_rate=now_rate,
             is_faulty=stuck | (refused > 0),
         )
-        return SignalState(value, age, refused, repeats, low, high, smooth, fit, gear), told
+        return SignalState(value, age, refused, repeats, low, high, smooth, fit, gear, other), told
 
     def _kin(
-        self, state: SignalState, value: Float[Array, " 8"], speed: Float[Array, ""]
+        self, state: SignalState, value: Float[Array, " 8"], speed: Float[Array, ""], other: Float[Array, ""]
     ) -> Float[Array, " 8"]:
         """What else tells of the longitudinal and lateral acceleration, yaw rate and wheels, roughly."""
         radius, track = self._geometry
@@ -222,4 +226,5 @@ class Intake(eqx.Module):
         turning = radius * differ / track
         across = speed * jnp.where(state.age[YAW_RATE] < STALE, state.smooth[YAW_RATE], turning)
         others = (jnp.sum(value[SPIN]) - value[SPIN]) / 3 + _PER_ACCEL * state.smooth[ACCEL_X]
+        others = others + other / radius
         return jnp.concatenate([jnp.stack([0.5 * along, across, turning, jnp.zeros_like(along)]), others])

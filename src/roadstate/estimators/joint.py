@@ -236,7 +236,9 @@ class Joint(Estimator[JointState]):
             seems = info.innovation[row], root(info.S[row, row]), u.sensor_std[row]
             speeds = jnp.asarray(np.flatnonzero(tells))
             pull = info.innovation[speeds], root(jnp.diagonal(info.S)[speeds])
-            pitch = self.pitch.judge(pitch, *seems, pull, dt)
+            known = "traction" in self.sensors
+            torn = info.innovation[self.sensors.index("traction")] if known else jnp.zeros(())
+            pitch = self.pitch.judge(pitch, *seems, pull, torn, dt)
         unrest = self.inputs.learn(state.unrest, info, u, forces, dt)
         speed = along.gaussian.mean[SPEED]
         rolling = self.along.rolling(along.gaussian, jnp.maximum(jnp.abs(speed), 1.0))
@@ -251,7 +253,7 @@ class Joint(Estimator[JointState]):
         found = (now.lies & (~verdict.lies)) | (now.swapped & (~verdict.swapped))
         caught = jnp.any(found)
         # what was learnt from a sensor that lies may be wrong
-        spoilt = jnp.any(found & (GROUP != YAW))
+        spoilt = jnp.any(found & (GROUP != YAW)) | self._freezes(state, held, raw)
         along = along._replace(gaussian=self.along.doubt(along.gaussian, spoilt))
         doubt = jnp.where(jnp.any(verdict.lies) | caught, _AFRESH, state.doubt - dt)
         afresh = doubt > 0
@@ -284,6 +286,13 @@ class Joint(Estimator[JointState]):
         validity = self._validity(new, info)
         info = eqx.tree_at(lambda i: i.log_likelihood, info, info.log_likelihood + likelihood)
         return new._replace(validity=validity), info
+
+    def _freezes(self, state: JointState, held: SignalState, raw: Signals) -> Bool[Array, ""]:
+        """Whether just now all wheels turn out to repeat themselves, by which the slope was taken for steep."""
+        frozen = raw.is_faulty[SPIN] & (held.repeats[SPIN] >= REPEATS)
+        has = np.array(self.signals.has[SPIN])
+        before = jnp.max(jnp.where(has, state.fault_age[SPIN], 0.0)) > 0
+        return jnp.all(frozen | ~has) & bool(has.any()) & ~before
 
     def _first_speed(self, sample: Sample, seen: Signals) -> Float[Array, ""]:
         """What wheels, or else a receiver, say of the speed before the filter does: a car that is taken to
