@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -206,6 +207,15 @@ def test_faults_are_told_from_the_clean_drive() -> None:
     assert faults.flag_time(fine, clean, 64.5) == pytest.approx(0.5)
     clean.validity[:] = fine.validity
     assert faults.flag_time(fine, clean, 64.5) is None
+
+
+def test_a_cell_tells_the_worst_of_all_drives() -> None:
+    soon = faults.Outcome("suv", 0, "joint", "speed", "sign", True, "", 0.3)
+    late, lost = replace(soon, seed=1, flagged_s=1.4), replace(soon, survived=False, why="grade")
+    hidden = replace(soon, flagged_s=None, tellable=False)
+    assert [faults.words(some) for some in ([], [soon], [soon, late], [soon, late, lost], [hidden])] == [
+        *("", "ok 0.3 s", "ok late", "GRADE 1/3 0.3 s", "ok hidden")
+    ]
 
 
 def test_logs_are_kept_and_found_again(tmp_path: Path) -> None:

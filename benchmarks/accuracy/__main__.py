@@ -93,12 +93,13 @@ def main() -> None:
             found.scores.extend(real.study(given.estimators, lambda what: progress(what, 0, 1)))
         if "faults" in wanted:
             some = [judged] if judged else given.estimators
-            failed = faults.study(first, some, lambda what: progress(what, 0, 1))
+            seeds = min(given.seeds, faults.SEEDS)
+            failed = faults.study(given.vehicles, some, seeds, lambda what: progress(what, 0, 1))
         if "speed" in wanted:
             timed = speed.study(first, given.estimators, lambda what: progress(what, 0, 1))
     about = _about(given, time.perf_counter() - begin, time.process_time() - busy)
     titles = {name: kind.title for name, kind in GROUPS.items()} | {real.GROUP: real.TITLE}
-    sections = [faults_section(failed, first, given.subject)] if failed else []
+    sections = [faults_section(failed, given.subject)] if failed else []
     sections += [speed_section(timed, first, given.subject)] if timed else []
     page = markdown(
         titles, found.scores, found.notes, preamble=_preamble(about), sections=sections, subject=given.subject

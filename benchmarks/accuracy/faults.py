@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
@@ -34,6 +35,8 @@ _VALID = 0.95  # share of samples in which a lower bound lies below the truth
 _SAYS_SO = (Validity.SENSOR_MISSING, Validity.DIVERGED, Validity.SENSOR_FAULT)
 _SPIKES = 2.0  # per second
 _JUMP = 0.5  # s
+SEEDS = 3
+"""Sensors' seeds of each vehicle at most: each fault takes its time."""
 _SURE = 3.0  # σ of what tells the same, from which on a deviation can be told
 # sensor → what tells the same, and how well: 1σ in the unit of the channel. It follows from errors of plant
 # and file: 15 % of a torque, a slope or bank of 5 to 8 %, slips of 3 % at 10 m/s, stiffnesses off by 10 %
@@ -98,7 +101,7 @@ class Outcome:
     """What became of an estimator.
 
     Attributes:
-        estimator, sensor, kind: which.
+        vehicle, seed, estimator, sensor, kind: which.
         survived: finite throughout, and sound after the fault.
         why: what was not, else empty.
         flagged_s: s from the onset until validity says that a sensor is missing or at fault, or the filter
@@ -106,6 +109,8 @@ class Outcome:
         tellable: whether the sensor deviates within 1 s by so much that others can tell.
     """
 
+    vehicle: str
+    seed: int
     estimator: str
     sensor: str
     kind: str
@@ -163,22 +168,27 @@ def deviation(clean: Log, other: Log, sensor: str, onset: float) -> float:
 
 
 def study(
-    vehicle: str, estimators: Sequence[str], tell: Callable[[str], None] = lambda what: None
+    vehicles: Sequence[str],
+    estimators: Sequence[str],
+    seeds: int,
+    tell: Callable[[str], None] = lambda what: None,
 ) -> list[Outcome]:
     """Every fault on every estimator that reads the sensor.
 
     Args:
-        vehicle: preset to drive.
+        vehicles: presets to drive.
         estimators: names.
+        seeds: of the sensors and of the vehicle file told, for each vehicle.
         tell: called with what is being done.
     """
-    tell("faults: driving")
-    clean, every = cases(vehicle)
-    car = told(load_vehicle(vehicle), MISMATCHED, 0)
     found = []
-    for name, estimator in buildable(estimators, car, clean.available):
-        tell(f"faults: {name}")
-        found += _of_one(estimator, clean, [c for c in every if _reads(estimator, c.sensor)])
+    for vehicle, seed in itertools.product(vehicles, range(seeds)):
+        tell(f"faults: {vehicle}, seed {seed}")
+        clean, every = cases(vehicle, seed)
+        car = told(load_vehicle(vehicle), MISMATCHED, seed)
+        for _, estimator in buildable(estimators, car, clean.available):
+            some = [c for c in every if _reads(estimator, c.sensor)]
+            found += _of_one(estimator, clean, some, vehicle, seed)
     return found
 
 
@@ -186,7 +196,9 @@ def _reads(estimator: Estimator[Any], sensor: str) -> bool:
     return any(channel.startswith(sensor.rstrip("*")) for channel in estimator.channels)
 
 
-def _of_one(estimator: Estimator[Any], clean: Log, some: Sequence[Case]) -> list[Outcome]:
+def _of_one(
+    estimator: Estimator[Any], clean: Log, some: Sequence[Case], vehicle: str, seed: int
+) -> list[Outcome]:
     whole = batch(estimator, [clean, *(case.log for case in some)])
     # who was refused within a second is seen from logs that end then, each beside the clean one cut alike
     ends = [case.onset + _SOON for case in some]
@@ -202,7 +214,8 @@ def _of_one(estimator: Estimator[Any], clean: Log, some: Sequence[Case]) -> list
         if (flagged is None or flagged > _SOON) and count > at_best[end]:
             flagged = _SOON
         tellable = case.deviation >= _SURE
-        outcomes.append(Outcome(estimator.name, case.sensor, case.kind, not why, why, flagged, tellable))
+        which = vehicle, seed, estimator.name, case.sensor, case.kind
+        outcomes.append(Outcome(*which, not why, why, flagged, tellable))
     return outcomes
 
 
@@ -243,20 +256,22 @@ def flag_time(estimates: Estimates, usual: Estimates, onset: float) -> float | N
     return float(estimates.time[int(np.argmax(flagged))] - onset) if flagged.any() else None
 
 
-def words(outcome: Outcome | None) -> str:
-    """A cell: ``ok`` or what is wrong, and when it was flagged, or that nobody could have within 1 s."""
-    if outcome is None:
+def words(outcomes: Sequence[Outcome]) -> str:
+    """A cell of the worst: ``ok`` or what is wrong, and when it was flagged, or that nobody could have within
+    1 s; and in how many of all something is wrong."""
+    if not outcomes:
         return ""
-    flagged = outcome.flagged_s
-    state = "ok" if outcome.survived else outcome.why.upper()
-    if not outcome.tellable and (flagged is None or flagged > _SOON):
+    worst = max(outcomes, key=_badness)
+    flagged, lost = worst.flagged_s, sum(not o.survived for o in outcomes)
+    state = f"{worst.why.upper()} {lost}/{len(outcomes)}" if lost else "ok"
+    if not worst.tellable and (flagged is None or flagged > _SOON):
         return f"{state} hidden"
     if flagged is None:
         return state
-    return (
-        f"{state} {flagged:.1f} s"
-        if flagged < _SOON
-        else f"{state} ≤ 1 s"
-        if flagged == _SOON
-        else f"{state} late"
-    )
+    when = f"{flagged:.1f} s" if flagged < _SOON else "≤ 1 s" if flagged == _SOON else "late"
+    return f"{state} {when}"
+
+
+def _badness(outcome: Outcome) -> tuple[bool, bool, float]:
+    when = np.inf if outcome.flagged_s is None else outcome.flagged_s
+    return not outcome.survived, outcome.tellable and when > _SOON, when

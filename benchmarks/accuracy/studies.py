@@ -23,12 +23,11 @@ from the truth by 3σ of what tells the same (last table); a smaller deviation l
 vehicle file that is a little off, and is `hidden`. Goal: all survived, all that are tellable flagged."""
 
 
-def faults_section(outcomes: Sequence[Outcome], vehicle: str, subject: str) -> str:
+def faults_section(outcomes: Sequence[Outcome], subject: str) -> str:
     """How many faults each estimator survives and flags, and the matrix of the one that is judged.
 
     Args:
         outcomes: of all estimators.
-        vehicle: that was driven.
         subject: whose matrix is shown; that of the first estimator where it is not among them.
     """
     names = list(dict.fromkeys(o.estimator for o in outcomes))
@@ -45,12 +44,17 @@ def faults_section(outcomes: Sequence[Outcome], vehicle: str, subject: str) -> s
     head = ["estimator", "faults", "survived", "tellable", "of them flagged", "flagged", "verdict"]
     counts = fitted(head, rows)
     shown = subject if subject in names else names[0]
-    by_place = {(o.sensor, o.kind): o for o in outcomes if o.estimator == shown}
-    read = [sensor for sensor in SENSORS if any((sensor, kind) in by_place for kind in KINDS)]
-    cells = [[f"`{sensor}`", *(words(by_place.get((sensor, kind))) for kind in KINDS)] for sensor in read]
+    own = [o for o in outcomes if o.estimator == shown]
+    read = [sensor for sensor in SENSORS if any(o.sensor == sensor for o in own)]
+    cells = [
+        [f"`{sensor}`", *(words([o for o in own if (o.sensor, o.kind) == (sensor, kind)]) for kind in KINDS)]
+        for sensor in read
+    ]
+    drives = len({(o.vehicle, o.seed) for o in own})
     legend = (
-        f"`{shown}` on `{vehicle}`: `ok` or what is wrong after the fault (`GRADE`, `FRICTION`, `NAN`), and "
-        "when it was\nflagged (`≤ 1 s`: by the gate); empty where the fault changes nothing."
+        f"`{shown}`, the worst of {drives} drives of other vehicles and seeds: `ok`, or what is wrong after "
+        "the fault (`GRADE`,\n`FRICTION`, `NAN`) and in how many drives; and when it was flagged (`≤ 1 s`: "
+        "by the gate). Empty where\nthe fault changes nothing."
     )
     known = [[f"`{s}`", REDUNDANCY[s][0], f"{REDUNDANCY[s][1]:g}"] for s in read if s in REDUNDANCY]
     against = fitted(["sensor", "what tells the same", "1σ, in the channel's SI unit"], known)

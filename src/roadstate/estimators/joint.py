@@ -288,7 +288,7 @@ class Joint(Estimator[JointState]):
         return new._replace(validity=validity), info
 
     def _freezes(self, state: JointState, held: SignalState, raw: Signals) -> Bool[Array, ""]:
-        """Whether just now all wheels turn out to repeat themselves, by which the slope was taken for steep."""
+        """Whether just now all wheels turn out to repeat themselves, which made the slope seem steep."""
         frozen = raw.is_faulty[SPIN] & (held.repeats[SPIN] >= REPEATS)
         has = np.array(self.signals.has[SPIN])
         before = jnp.max(jnp.where(has, state.fault_age[SPIN], 0.0)) > 0
