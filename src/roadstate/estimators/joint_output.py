@@ -147,4 +147,4 @@ def _used(
     load = jnp.sum(forces.load)
     used = root(straight**2 + across**2) / load
     unsure = root(jnp.sum(leads**2) + jnp.sum(lasting**2)) / load
-    return used, jnp.sqrt(0.003**2 + (0.02 * used) ** 2 + unsure**2)
+    return used, jnp.sqrt(0.0025**2 + (0.02 * used) ** 2 + unsure**2)
