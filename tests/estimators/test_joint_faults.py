@@ -264,6 +264,18 @@ def test_a_receiver_tells_that_all_wheels_repeat_themselves(run: Run, turn: Turn
     sound(said, 0.015, since=14.0)
 
 
+def test_wheels_and_a_receiver_that_agree_are_not_both_wrong(run: Run, turn: Turn) -> None:
+    """All wheels drift away by 3 m/s, and the filter with them; then they tell what the receiver does."""
+    speed = 12 + np.sin(TIME)
+    log = turn(speed, np.zeros_like(TIME))
+    drift = np.where((TIME >= 6) & (TIME < 12), 0.5 * (TIME - 6), 0.0)
+    said = run(log.with_channels({s: log[s] * (1 + drift / speed) for s in SPINS}))
+    error = said.values["speed"] - speed
+    assert error[1190] > 2
+    assert np.abs(error[TIME > 12.4]).max() < 0.5
+    sound(said, 0.03, since=14.0)
+
+
 def test_reverse(run: Run, turn: Turn) -> None:
     """Wheels without a sign, a reverse gear: no sign is taken for swapped."""
     speed = -5 - 1.5 * np.sin(2 * np.pi * TIME / 10)

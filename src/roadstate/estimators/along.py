@@ -228,16 +228,22 @@ class AlongModel(StateSpaceModel):
         """Independent sensors."""
         return jnp.diag(u.sensor_std)
 
-    def doubt(self, gaussian: Gaussian, caught: Bool[Array, ""]) -> Gaussian:
+    def doubt(self, gaussian: Gaussian, caught: Bool[Array, ""], speed: Float[Array, ""]) -> Gaussian:
         """The prior but for speed and height, where a sensor has just been caught lying; else the same.
 
         What has been learnt of the slope, biases and the car may all come from that sensor.
+
+        Args:
+            gaussian: of the states.
+            caught: whether one has been.
+            speed: to begin with then, m/s.
         """
         prior = self.prior()
         count = 3 + len(self.slow_time)
         kept = (np.arange(len(self.states)) == SPEED) | (np.arange(len(self.states)) >= count)
         factor = prior.factor.at[SPEED, SPEED].set(_CAUGHT)
-        mean = jnp.where(caught & (~kept), prior.mean, gaussian.mean)
+        old = gaussian.mean.at[SPEED].set(speed)
+        mean = jnp.where(caught, jnp.where(kept, old, prior.mean), gaussian.mean)
         return Gaussian(mean, jnp.where(caught, factor, gaussian.factor))
 
     def prior(self) -> Gaussian:

@@ -58,6 +58,9 @@ _LEAST_STEP = 1e-3  # s
 _AFRESH = 0.4  # s until what is slowed has forgotten a sensor that lied
 _LATE_TIME = 0.5  # s: how long an error of a late signal lasts
 _PATIENCE = 300  # samples for which a spinning or locked wheel may be refused
+_CONFIRMED = 3.0  # samples of a speed signal, in a row, that wheels confirm and the filter contradicts
+_ALIKE = (0.3, 0.03)  # m/s, and share of it, by which both may then differ
+_WRONG = 1.0  # m/s by which the filter must
 
 
 class JointState(NamedTuple):
@@ -66,6 +69,7 @@ class JointState(NamedTuple):
     Attributes:
         watch, signals, trust, forces, along, contact, bank, pitch, unrest: the parts'.
         speed_age: s since anything told the speed.
+        against: samples of the speed signal, in a row, that the wheels confirm and the filter contradicts.
         doubt: s for which nothing is learnt of friction yet, since a sensor was caught.
         fault_age: (8 + m,) s for which each inertial, steering and wheel signal has been refused or stuck,
             and each of the filter's sensors refused.
@@ -85,6 +89,7 @@ class JointState(NamedTuple):
     pitch: PitchState
     unrest: Unrest
     speed_age: Float[Array, ""]
+    against: Float[Array, ""]
     doubt: Float[Array, ""]
     fault_age: Float[Array, " k"]
     latest: AxleForces
@@ -195,6 +200,7 @@ class Joint(Estimator[JointState]):
             pitch=self.pitch.init(),
             unrest=self.inputs.start(),
             speed_age=zero + NEVER,
+            against=zero,
             doubt=zero,
             fault_age=jnp.zeros(len(ROWS) + len(self.sensors)),
             latest=self.forces.nothing(),
@@ -211,7 +217,8 @@ class Joint(Estimator[JointState]):
         seen = once(self.trust.mend(state.trust, verdict, raw, x[SPEED]))
         bias = x[BIAS] + x[SCALE] * state.latest.lean.lasting
         error = jnp.stack([bias, jnp.zeros_like(bias)])
-        moving = jnp.where(state.speed_age < NEVER, x[SPEED], self._first_speed(sample, seen))
+        rolls = self._rolls(seen)
+        moving = jnp.where(state.speed_age < NEVER, x[SPEED], self._first_speed(sample, seen, rolls))
         meter, balance = self.forces.read(state.forces, sample, seen, moving, error, x[SLOPE], dt)
         forces = balance._replace(age=jnp.where(verdict.lies[TORQUE], NEVER, balance.age))
         contact, u, z = self.inputs.read(
@@ -253,8 +260,11 @@ class Joint(Estimator[JointState]):
         found = (now.lies & (~verdict.lies)) | (now.swapped & (~verdict.swapped))
         caught = jnp.any(found)
         # what was learnt from a sensor that lies may be wrong
-        spoilt = jnp.any(found & (GROUP != YAW)) | self._freezes(state, held, raw)
-        along = along._replace(gaussian=self.along.doubt(along.gaussian, spoilt))
+        against = self._against(state.against, sample, seen, rolls, speed)
+        lost = against >= _CONFIRMED
+        spoilt = jnp.any(found & (GROUP != YAW)) | self._freezes(state, held, raw) | lost
+        begin = jnp.where(lost, rolls, speed)
+        along = along._replace(gaussian=self.along.doubt(along.gaussian, spoilt, begin))
         doubt = jnp.where(jnp.any(verdict.lies) | caught, _AFRESH, state.doubt - dt)
         afresh = doubt > 0
         bank = once(jax.tree.map(lambda new, kept: jnp.where(afresh, new, kept), self.bank.init(), bank))
@@ -276,6 +286,7 @@ class Joint(Estimator[JointState]):
             pitch,
             unrest,
             speed_age,
+            jnp.where(lost, 0.0, against),
             doubt,
             fault_age,
             forces,
@@ -294,14 +305,34 @@ class Joint(Estimator[JointState]):
         before = jnp.max(jnp.where(has, state.fault_age[SPIN], 0.0)) > 0
         return jnp.all(frozen | ~has) & bool(has.any()) & ~before
 
-    def _first_speed(self, sample: Sample, seen: Signals) -> Float[Array, ""]:
-        """What wheels, or else a receiver, say of the speed before the filter does: a car that is taken to
-        stand could be held by its brakes, and air does not resist it."""
+    def _rolls(self, seen: Signals) -> Float[Array, ""]:
+        """Mean speed of the wheels that tell something, m/s."""
         told = seen.is_fresh[SPIN]
         rims = self.forces.car.wheel_radius * jnp.where(told, seen.value[SPIN], 0.0)
+        return jnp.sum(rims) / jnp.maximum(jnp.sum(told), 1)
+
+    def _first_speed(self, sample: Sample, seen: Signals, rolls: Float[Array, ""]) -> Float[Array, ""]:
+        """What wheels, or else a receiver, say of the speed before the filter does: a car that is taken to
+        stand could be held by its brakes, and air does not resist it."""
         other = sample["speed"] if "speed" in self.channels else jnp.zeros(())
         other = jnp.where(jnp.isfinite(other), other, 0.0)
-        return jnp.where(jnp.any(told), jnp.sum(rims) / jnp.maximum(jnp.sum(told), 1), other)
+        return jnp.where(jnp.any(seen.is_fresh[SPIN]), rolls, other)
+
+    def _against(
+        self, before: Array, sample: Sample, seen: Signals, rolls: Array, speed: Array
+    ) -> Float[Array, ""]:
+        """Samples in a row of a speed signal that the wheels confirm and the filter contradicts: two that
+        cannot know of each other are hardly wrong by the same, however sure the filter is."""
+        if "speed" not in self.channels or not any(self.signals.has[SPIN]):
+            return before
+        told, rims = seen.is_fresh[SPIN], self.forces.car.wheel_radius * seen.value[SPIN]
+        apart = jnp.max(jnp.where(told, jnp.abs(rims - rolls), 0.0))
+        # a receiver does not tell forward from backward
+        other = jnp.abs(sample["speed"])
+        heard = jnp.isfinite(other) & (jnp.sum(told) >= 2)
+        alike = jnp.abs(jnp.abs(rolls) - other) < _ALIKE[0] + _ALIKE[1] * other
+        wrong = alike & (apart < _WRONG) & (jnp.abs(speed - rolls) > _WRONG)
+        return jnp.where(heard, jnp.where(wrong, before + 1, 0.0), before)
 
     def _friction(self, bank: BankState) -> Float[Array, "3 5"]:
         low, high = self.bank.quantiles(bank, _BOUNDS)
