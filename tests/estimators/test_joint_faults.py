@@ -276,6 +276,15 @@ def test_wheels_and_a_receiver_that_agree_are_not_both_wrong(run: Run, turn: Tur
     sound(said, 0.03, since=14.0)
 
 
+def test_wheels_that_all_spin_are_not_believed_for_a_signal_that_is_theirs(run: Run, turn: Turn) -> None:
+    """The dashboard's speed follows four wheels that spin under drive, for a second and a half."""
+    speed = 10 + 3 * np.sin(2 * np.pi * TIME / 10)
+    log = turn(speed, np.zeros_like(TIME))
+    ahead = 1 + 0.25 * np.clip((TIME - 9) / 0.1, 0, 1) * (TIME < 10.5)
+    said = run(log.with_channels({c: log[c] * ahead for c in (*SPINS, "speed")}))
+    np.testing.assert_allclose(said.values["speed"][50:], speed[50:], atol=0.8)
+
+
 def test_reverse(run: Run, turn: Turn) -> None:
     """Wheels without a sign, a reverse gear: no sign is taken for swapped."""
     speed = -5 - 1.5 * np.sin(2 * np.pi * TIME / 10)

@@ -61,6 +61,7 @@ _PATIENCE = 300  # samples for which a spinning or locked wheel may be refused
 _CONFIRMED = 3.0  # samples of a speed signal, in a row, that wheels confirm and the filter contradicts
 _ALIKE = (0.3, 0.03)  # m/s, and share of it, by which both may then differ
 _WRONG = 1.0  # m/s by which the filter must
+_MAY_SLIP = 0.5  # m/s² from which on all wheels may spin or lock, and a signal that is the wheels' with them
 
 
 class JointState(NamedTuple):
@@ -260,7 +261,7 @@ class Joint(Estimator[JointState]):
         found = (now.lies & (~verdict.lies)) | (now.swapped & (~verdict.swapped))
         caught = jnp.any(found)
         # what was learnt from a sensor that lies may be wrong
-        against = self._against(state.against, sample, seen, rolls, speed)
+        against = self._against(state.against, sample, seen, rolls, speed, forces.accel[0])
         lost = against >= _CONFIRMED
         spoilt = jnp.any(found & (GROUP != YAW)) | self._freezes(state, held, raw) | lost
         begin = jnp.where(lost, rolls, speed)
@@ -319,7 +320,7 @@ class Joint(Estimator[JointState]):
         return jnp.where(jnp.any(seen.is_fresh[SPIN]), rolls, other)
 
     def _against(
-        self, before: Array, sample: Sample, seen: Signals, rolls: Array, speed: Array
+        self, before: Array, sample: Sample, seen: Signals, rolls: Array, speed: Array, thrust: Array
     ) -> Float[Array, ""]:
         """Samples in a row of a speed signal that the wheels confirm and the filter contradicts: two that
         cannot know of each other are hardly wrong by the same, however sure the filter is."""
@@ -331,7 +332,8 @@ class Joint(Estimator[JointState]):
         other = jnp.abs(sample["speed"])
         heard = jnp.isfinite(other) & (jnp.sum(told) >= 2)
         alike = jnp.abs(jnp.abs(rolls) - other) < _ALIKE[0] + _ALIKE[1] * other
-        wrong = alike & (apart < _WRONG) & (jnp.abs(speed - rolls) > _WRONG)
+        slips = ((rolls - speed) * thrust > 0) & (jnp.abs(thrust) > _MAY_SLIP)
+        wrong = alike & (apart < _WRONG) & (jnp.abs(speed - rolls) > _WRONG) & ~slips
         return jnp.where(heard, jnp.where(wrong, before + 1, 0.0), before)
 
     def _friction(self, bank: BankState) -> Float[Array, "3 5"]:
