@@ -26,8 +26,6 @@ _ODD_TIME = 0.5  # s: low pass of how far attitude and slope are apart
 _ODD = 0.006  # rad: so far apart they are only when the gyroscope fails
 _SURE = 4.0  # 1σ of what is expected to part them, that many times
 _PULL = 0.4  # the same of the speeds' innovations over their 1σ, when the gyroscope pulls the slope away
-_TORN = 0.3  # m/s² by which an accelerometer differs from torques when it, and no gyroscope, fails
-_CALM = 3.0  # s without which nothing is held against the gyroscope
 _MOST = (0.1, 3.0)  # rad, and 1σ of speeds, that one sample may count for
 _DISTRUST = 20.0  # s for which a gyroscope that failed is not believed
 _LEAN_ERROR = 0.0015  # rad: 1σ of the body's pitch against slope and force: it swings, and roads are uneven
@@ -47,8 +45,6 @@ class PitchState(NamedTuple):
         repeats: equal samples in a row.
         apart: low-passed difference of attitude and slope, rad.
         pull: low-passed innovation of the speeds over its 1σ.
-        torn: low-passed difference of accelerometer and torques, m/s².
-        restless: s for which that is still held against all else.
         distrust: s for which the gyroscope is still not believed.
         steady: low-passed rate, rad/s.
         swing: angle by which the body swings besides, rad.
@@ -61,8 +57,6 @@ class PitchState(NamedTuple):
     repeats: Float[Array, ""]
     apart: Float[Array, ""]
     pull: Float[Array, ""]
-    torn: Float[Array, ""]
-    restless: Float[Array, ""]
     distrust: Float[Array, ""]
     steady: Float[Array, ""]
     swing: Float[Array, ""]
@@ -99,7 +93,7 @@ class PitchMeter(eqx.Module):
     def init(self) -> PitchState:
         """Nothing has come yet."""
         zero = jnp.zeros(())
-        return PitchState(Held.empty(), *[zero] * 11)
+        return PitchState(Held.empty(), *[zero] * 9)
 
     def read(
         self,
@@ -158,13 +152,12 @@ class PitchMeter(eqx.Module):
         innovation_std: Float[Array, ""],
         sensor_std: Float[Array, ""],
         speeds: tuple[Float[Array, " k"], Float[Array, " k"]],
-        torn: Float[Array, ""],
+        is_late: Bool[Array, ""],
         dt: Float[Array, ""],
     ) -> PitchState:
         """See whether the attitude that the gyroscope tells still goes with slope and speeds.
 
-        An accelerometer that lags or lies pulls the slope away from the attitude, too; but it contradicts the
-        torques as it does, and a gyroscope never.
+        An accelerometer that lags pulls the slope away from the attitude, too, and no gyroscope is to blame.
 
         Args:
             state: of the same instant.
@@ -172,7 +165,7 @@ class PitchMeter(eqx.Module):
             innovation_std: as the filter has it.
             sensor_std: the sample's part of it.
             speeds: (k,) innovations of whatever tells the speed, NaN where missing, and their 1σ, m/s.
-            torn: by how much the accelerometer differs from what torques explain, m/s²; NaN where missing.
+            is_late: whether the accelerometer may lag.
             dt: s.
         """
         # one sample alone, of whatever size, is no contradiction that lasts
@@ -184,15 +177,11 @@ class PitchMeter(eqx.Module):
         mean = jnp.sum(jnp.where(heard, speeds[0], 0.0) / speeds[1]) / jnp.maximum(count, 1)
         mean = jnp.clip(mean, -_MOST[1], _MOST[1])
         told = state.pull - jnp.where(count > 0, jnp.expm1(-dt / _ODD_TIME), 0.0) * (mean - state.pull)
-        slowed = state.torn - jnp.expm1(-dt / _ODD_TIME) * (jnp.nan_to_num(torn) - state.torn)
-        left = jnp.maximum(state.restless - dt, 0.0)
-        restless = jnp.where(jnp.abs(slowed) > _TORN, _CALM, left)
         odd = (jnp.abs(apart) > jnp.maximum(_ODD, _SURE * expected)) | (jnp.abs(told) > _PULL)
-        odd = odd & (restless <= 0)
+        odd = odd & ~is_late
         distrust = jnp.where(odd, _DISTRUST, jnp.maximum(state.distrust - dt, 0.0))
         begin = jnp.where(odd, 0.0, 1.0)
-        new = state._replace(apart=begin * apart, pull=begin * told, distrust=distrust)
-        return new._replace(torn=slowed, restless=restless)
+        return state._replace(apart=begin * apart, pull=begin * told, distrust=distrust)
 
 
 def lean_std(state: PitchState, dt: Float[Array, ""]) -> Float[Array, ""]:

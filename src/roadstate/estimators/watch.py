@@ -100,9 +100,11 @@ class Watch(eqx.Module):
         )
 
     def lateness(self, state: WatchState, sensors: Sequence[str]) -> Float[Array, " m"]:
-        """(m,) s by which speeds may be late; 0 for what is no speed, or not watched."""
+        """(m,) s by which speeds and an accelerometer along may be late; 0 for all else, or not watched."""
         places = [self.channels.index(s) if s in self.channels else 0 for s in sensors]
-        counts = np.array([s in self.channels and s.startswith(("speed", "wheel_speed")) for s in sensors])
+        counts = np.array(
+            [s in self.channels and s.startswith(("speed", "wheel_speed", "accel_x")) for s in sensors]
+        )
         return jnp.where(counts, state.late[jnp.asarray(places)], 0.0)
 
     def look(self, state: WatchState, sample: Sample, dt: Float[Array, ""]) -> WatchState:
