@@ -44,6 +44,8 @@ REPEATS = 40  # equal samples in a row after which a signal may be stuck
 # change meanwhile of what tells the same, m/s², m/s², rad/s, never, rad/s: then it is stuck
 _ACTIVE = (0.5, 0.8, 0.06, np.inf, 3.0, 3.0, 3.0, 3.0)
 _PER_ACCEL = 2.0  # rad/s per m/s²: that the acceleration changes tells as much of a wheel as that others do
+# of a speed that wheels do not tell: share that a sample has, m/s it changes it by at most, what it counts
+_OTHER = (0.4, 1.0, 0.7)
 _LEAST_STEP = 1e-3  # s
 _SLOWEST = 1.0  # m/s below which a car's signals may well stand still
 
@@ -68,7 +70,7 @@ class SignalState(NamedTuple):
         smooth: (8,) low-passed values.
         fit: and what they are now.
         gear: latest gear ratio.
-        other: latest speed that wheels do not tell, m/s.
+        other: speed that wheels do not tell, smoothed, m/s; huge before any came.
     """
 
     value: Float[Array, " 8"]
@@ -157,7 +159,7 @@ class Intake(eqx.Module):
         """Nothing has come yet."""
         none = jnp.zeros(8)
         return SignalState(
-            none, none + NEVER, none, none, none, none, none, Quadratic.start(8), none[0], none[0]
+            none, none + NEVER, none, none, none, none, none, Quadratic.start(8), none[0], none[0] + NEVER
         )
 
     def read(
@@ -175,8 +177,12 @@ class Intake(eqx.Module):
         raw = jnp.stack([nothing if n is None else sample[n] for n in self.named])
         gear = sample["gear_ratio"] if "gear_ratio" in self.channels else nothing
         gear = jnp.where(jnp.isfinite(gear), gear, state.gear)
-        other = sample["speed"] if "speed" in self.channels else nothing
-        other = jnp.where(jnp.isfinite(other), other, state.other)
+        speed_signal = sample["speed"] if "speed" in self.channels else nothing
+        heard, silent = jnp.isfinite(speed_signal), state.other >= NEVER
+        change = jnp.clip(speed_signal - state.other, -_OTHER[1], _OTHER[1])
+        other = jnp.where(
+            heard, jnp.where(silent, speed_signal, state.other + _OTHER[0] * change), state.other
+        )
         seen = jnp.isfinite(raw)
         direction = signed_direction(gear)
         turned = jnp.where(jnp.arange(8) >= SPIN.start, jnp.where(raw < 0, 1.0, direction), 1.0)
@@ -191,8 +197,9 @@ class Intake(eqx.Module):
         repeats = jnp.where(taken, jnp.where(same, state.repeats + 1, 0.0), state.repeats)
         value = jnp.where(taken, fresh, state.value)
         kin = self._kin(state, value, speed, other)
-        low = jnp.where(repeats > 0, jnp.minimum(state.low, kin), kin)
-        high = jnp.where(repeats > 0, jnp.maximum(state.high, kin), kin)
+        goes_on = (repeats > 0) & ~(heard & silent)
+        low = jnp.where(goes_on, jnp.minimum(state.low, kin), kin)
+        high = jnp.where(goes_on, jnp.maximum(state.high, kin), kin)
         active = (high - low > jnp.asarray(_ACTIVE)) & (jnp.abs(speed) > _SLOWEST)
         # a wheel that is locked stands still for good reason
         stuck = (repeats >= REPEATS) & active & ((np.arange(8) < SPIN.start) | (value != 0))
@@ -226,5 +233,5 @@ class Intake(eqx.Module):
         turning = radius * differ / track
         across = speed * jnp.where(state.age[YAW_RATE] < STALE, state.smooth[YAW_RATE], turning)
         others = (jnp.sum(value[SPIN]) - value[SPIN]) / 3 + _PER_ACCEL * state.smooth[ACCEL_X]
-        others = others + other / radius
+        others = others + _OTHER[2] * other / radius
         return jnp.concatenate([jnp.stack([0.5 * along, across, turning, jnp.zeros_like(along)]), others])
