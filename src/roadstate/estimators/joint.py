@@ -333,7 +333,8 @@ class Joint(Estimator[JointState]):
         heard = jnp.isfinite(other) & (jnp.sum(told) >= 2)
         alike = jnp.abs(jnp.abs(rolls) - other) < _ALIKE[0] + _ALIKE[1] * other
         slips = ((rolls - speed) * thrust > 0) & (jnp.abs(thrust) > _MAY_SLIP)
-        wrong = alike & (apart < _WRONG) & (jnp.abs(speed - rolls) > _WRONG) & ~slips
+        # wheels whose sign is swapped go backward, and a receiver does not say that they do not
+        wrong = alike & (apart < _WRONG) & (jnp.abs(speed - rolls) > _WRONG) & ~slips & (rolls * speed > 0)
         return jnp.where(heard, jnp.where(wrong, before + 1, 0.0), before)
 
     def _friction(self, bank: BankState) -> Float[Array, "3 5"]:
