@@ -156,7 +156,7 @@ def test_degrees_taken_for_radians_are_contradicted(run: Run, bends: Log) -> Non
         ("wheel_speed_fl", 5.0, lambda v: np.full_like(v, v[0]), "stuck"),
         ("yaw_rate", 7.0, lambda v: v + 0.5, "contradicts what others tell"),
         ("accel_x", 7.0, lambda v: v + 4.0, "contradicts what others tell"),
-        ("wheel_speed_rr", 7.0, lambda v: -v, "contradicts what others tell"),
+        ("wheel_speed_rr", 7.0, lambda v: -v, "wrong sign"),
         (
             "yaw_rate",
             7.0,
@@ -295,6 +295,24 @@ def test_wheels_that_all_spin_are_not_believed_for_a_signal_that_is_theirs(run: 
     ahead = 1 + 0.25 * np.clip((TIME - 9) / 0.1, 0, 1) * (TIME < 10.5)
     said = run(log.with_channels({c: log[c] * ahead for c in (*SPINS, "speed")}))
     np.testing.assert_allclose(said.values["speed"][50:], speed[50:], atol=0.8)
+
+
+@pytest.mark.parametrize(("begins", "ends"), [(8.0, 16.0), (0.0, 20.0), (0.0, 10.0)])
+def test_wheels_whose_sign_is_swapped_are_put_right(run: Run, turn: Turn, begins: float, ends: float) -> None:
+    """All four, so that they agree with one another, and with a receiver, which has no sign; from the first
+    sample on the car seems to drive backward, until it is too fast for that."""
+    speed = 5 + 7 * np.minimum(TIME / 3, 1) + np.sin(TIME)
+    log = turn(speed, 0.1 * np.sin(TIME))
+    swapped = np.where((begins <= TIME) & (ends > TIME), -1.0, 1.0)
+    said = run(log.with_channels({s: log[s] * swapped for s in SPINS}))
+    known = max(begins, 4.0) <= TIME
+    np.testing.assert_allclose(said.values["speed"][known], speed[known], atol=0.3)
+    when = named(said)
+    assert all(
+        when[f"{spin}: wrong sign (put right here); flip it in the mapping"] < 4.0 + begins for spin in SPINS
+    )
+    assert not any("contradicts what" in f and s > 4.0 for f, s in when.items())
+    sound(said, 0.05, since=begins + 8.0)
 
 
 def test_reverse(run: Run, turn: Turn) -> None:

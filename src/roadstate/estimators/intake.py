@@ -48,12 +48,17 @@ _PER_ACCEL = 2.0  # rad/s per m/s²: that the acceleration changes tells as much
 _OTHER = (0.4, 1.0, 0.7)
 _LEAST_STEP = 1e-3  # s
 _SLOWEST = 1.0  # m/s below which a car's signals may well stand still
+# m/s from which on no wheel turns round at once; share of it by which it may differ; nor does a car that was
+# never seen to go forward go backward as fast as that, m/s
+_TURNED = (3.0, 0.2, 8.0)
 
 
 def sensor_fault_names(named: Sequence[str | None], sensors: Sequence[str]) -> tuple[str, ...]:
-    """Sentences: each signal of :data:`ROWS` that is faulty, each sensor of a filter that is refused."""
+    """Sentences: each signal of :data:`ROWS` that is faulty, each wheel whose sign is wrong, each sensor of a
+    filter that is refused."""
     return (
         *(f"{name or row}: stuck, or jumps as no car does" for row, name in zip(ROWS, named, strict=True)),
+        *(f"{wheel}: wrong sign (put right here); flip it in the mapping" for wheel in WHEEL_SPEEDS),
         *(f"{s}: refused, contradicts the motion" for s in sensors),
     )
 
@@ -71,6 +76,7 @@ class SignalState(NamedTuple):
         fit: and what they are now.
         gear: latest gear ratio.
         other: speed that wheels do not tell, smoothed, m/s; huge before any came.
+        sense: (4,) 1 of a wheel whose sign is right, -1 where it is swapped, 0 before that is known.
     """
 
     value: Float[Array, " 8"]
@@ -83,6 +89,7 @@ class SignalState(NamedTuple):
     fit: Quadratic
     gear: Float[Array, ""]
     other: Float[Array, ""]
+    sense: Float[Array, " 4"]
 
 
 class Signals(NamedTuple):
@@ -112,7 +119,9 @@ class Signals(NamedTuple):
 class Intake(eqx.Module):
     """Takes samples of whatever inertial, steering and wheel signals there are.
 
-    A sample that lies too far from the last one to be true is refused, until several in a row say the same. A
+    A sample that lies too far from the last one to be true is refused, until several in a row say the same.
+    Wheels that tell forward for backward are put right: no wheel turns round at speed from one sample to the
+    next, nor otherwise than the others do, nor does a car begin with driving backward fast. A
     signal that repeats itself to the last bit while its kin change (an accelerometer while the wheels'
     acceleration changes, a gyroscope while the rear wheels' difference does, a wheel while the others, the
     acceleration or a speed that is not the wheels' do) is stuck, and counts as missing.
@@ -159,7 +168,17 @@ class Intake(eqx.Module):
         """Nothing has come yet."""
         none = jnp.zeros(8)
         return SignalState(
-            none, none + NEVER, none, none, none, none, none, Quadratic.start(8), none[0], none[0] + NEVER
+            none,
+            none + NEVER,
+            none,
+            none,
+            none,
+            none,
+            none,
+            Quadratic.start(8),
+            none[0],
+            none[0] + NEVER,
+            none[SPIN],
         )
 
     def read(
@@ -184,8 +203,10 @@ class Intake(eqx.Module):
             heard, jnp.where(silent, speed_signal, state.other + _OTHER[0] * change), state.other
         )
         seen = jnp.isfinite(raw)
+        sense = self._sense(state, raw[SPIN], speed, gear)
         direction = signed_direction(gear)
-        turned = jnp.where(jnp.arange(8) >= SPIN.start, jnp.where(raw < 0, 1.0, direction), 1.0)
+        turned = jnp.where(sense < 0, -1.0, jnp.where(raw[SPIN] < 0, 1.0, direction))
+        turned = jnp.concatenate([jnp.ones(SPIN.start), turned])
         fresh = jnp.where(seen, raw, 0.0) * self._scale * turned
         since = state.age + dt
         most = jnp.asarray(_LARGEST_JUMP) * jnp.maximum(1.0, since / _JUMP_TIME)
@@ -220,7 +241,23 @@ class Intake(eqx.Module):
             now_rate=now_rate,
             is_faulty=stuck | (refused > 0),
         )
-        return SignalState(value, age, refused, repeats, low, high, smooth, fit, gear, other), told
+        return SignalState(value, age, refused, repeats, low, high, smooth, fit, gear, other, sense), told
+
+    def _sense(
+        self, state: SignalState, raw: Float[Array, " 4"], speed: Float[Array, ""], gear: Float[Array, ""]
+    ) -> Float[Array, " 4"]:
+        """What is known of the wheels' signs after samples (4,) in rad/s."""
+        fast, share, fastest = _TURNED
+        sense, radius = state.sense, self._geometry[0]
+        rims = radius * raw
+        told = rims * jnp.where(sense < 0, -1.0, 1.0)
+        forward = (gear >= 0) & (speed > fast)
+        rolled = jnp.abs(radius * state.value[SPIN] - speed) < share * speed
+        alone = (sense == 0) & jnp.any(sense > 0)
+        turns = forward & (rolled | alone) & (jnp.abs(told + speed) < share * speed)
+        begins = (sense == 0) & (rims < -fast) & jnp.any((sense == 0) & (rims < -fastest))
+        known = jnp.where((sense == 0) & (rims > fast), 1.0, sense)
+        return jnp.where(begins, -1.0, jnp.where(turns, jnp.where(sense < 0, 1.0, -1.0), known))
 
     def _kin(
         self, state: SignalState, value: Float[Array, " 8"], speed: Float[Array, ""], other: Float[Array, ""]

@@ -204,7 +204,7 @@ class Joint(Estimator[JointState]):
             speed_age=zero + NEVER,
             against=zero,
             doubt=zero,
-            fault_age=jnp.zeros(len(ROWS) + len(self.sensors)),
+            fault_age=jnp.zeros(len(ROWS) + len(WHEEL_SPEEDS) + len(self.sensors)),
             latest=self.forces.nothing(),
             sideways=self.bank.merged(self.bank.init()),
             friction=self._friction(self.bank.init()),
@@ -259,10 +259,13 @@ class Joint(Estimator[JointState]):
         trust = self.trust.test(state.trust, raw, balance, signal, speed, held.repeats >= REPEATS, dt)
         trust, now = once((trust, self.trust.verdict(trust)))
         found = (now.lies & (~verdict.lies)) | (now.swapped & (~verdict.swapped))
-        caught = jnp.any(found)
-        # what was learnt from a sensor that lies may be wrong
+        # the car was taken to go backward as its wheels told
+        turned = jnp.any((held.sense < 0) & (state.signals.sense == 0)) & (rolls * speed < 0)
+        trust = once(jax.tree.map(lambda new, kept: jnp.where(turned, new, kept), self.trust.init(), trust))
+        caught = jnp.any(found) | turned
         against = self._against(state.against, sample, seen, rolls, speed, forces.accel[0])
-        lost = against >= _CONFIRMED
+        lost = (against >= _CONFIRMED) | turned
+        # what was learnt from a sensor that lies may be wrong
         spoilt = jnp.any(found & (GROUP != YAW)) | self._freezes(state, held, raw) | lost
         begin = jnp.where(lost, rolls, speed)
         along = along._replace(gaussian=self.along.doubt(along.gaussian, spoilt, begin))
@@ -273,7 +276,7 @@ class Joint(Estimator[JointState]):
         refused = along.rejected > 0
         if "attitude" in self.sensors:
             refused = refused.at[self.sensors.index("attitude")].max(self.pitch.is_faulty(pitch))
-        faulty = jnp.concatenate([raw.is_faulty, refused])
+        faulty = jnp.concatenate([raw.is_faulty, held.sense < 0, refused])
         fault_age = jnp.where(faulty, state.fault_age + dt, 0.0)
         sideways, friction = once((self.bank.merged(bank), self._friction(bank)))
         new = JointState(
@@ -329,12 +332,11 @@ class Joint(Estimator[JointState]):
         told, rims = seen.is_fresh[SPIN], self.forces.car.wheel_radius * seen.value[SPIN]
         apart = jnp.max(jnp.where(told, jnp.abs(rims - rolls), 0.0))
         # a receiver does not tell forward from backward
-        other = jnp.abs(sample["speed"])
+        other = jnp.sign(speed) * jnp.abs(sample["speed"])
         heard = jnp.isfinite(other) & (jnp.sum(told) >= 2)
-        alike = jnp.abs(jnp.abs(rolls) - other) < _ALIKE[0] + _ALIKE[1] * other
+        alike = jnp.abs(rolls - other) < _ALIKE[0] + _ALIKE[1] * jnp.abs(other)
         slips = ((rolls - speed) * thrust > 0) & (jnp.abs(thrust) > _MAY_SLIP)
-        # wheels whose sign is swapped go backward, and a receiver does not say that they do not
-        wrong = alike & (apart < _WRONG) & (jnp.abs(speed - rolls) > _WRONG) & ~slips & (rolls * speed > 0)
+        wrong = alike & (apart < _WRONG) & (jnp.abs(speed - rolls) > _WRONG) & ~slips
         return jnp.where(heard, jnp.where(wrong, before + 1, 0.0), before)
 
     def _friction(self, bank: BankState) -> Float[Array, "3 5"]:

@@ -248,7 +248,6 @@ class Plausibility(eqx.Module):
         evidence = jnp.stack([over, under, right - _ALLOWED, fits])
         evidence = jnp.where(told_by, jnp.clip(evidence, -_MOST, _MOST), 0.0) * (dt / _LASTING)
         lies = jnp.where(judged, evidence[2], -_FORGETS * dt)
-        lies = jnp.where(told.impossible, _MOST * dt / _LASTING, lies)
         repeats = jnp.append(frozen, jnp.stack([jnp.all(frozen[SPIN]), jnp.zeros((), bool)]))
         repeats = jnp.stack([repeats[source] for source in _SOURCE])
         evidence = evidence.at[2].set(jnp.where(repeats, jnp.maximum(lies, 0.0), lies))

@@ -41,7 +41,6 @@ _ACCEL_Y = (0.7, 0.15)  # m/s²: banked roads, v̇_y; and share
 _STEER = (0.25, 0.006, 1.5, 0.5)  # share; rad; m/s² that any road holds; share of what is beyond
 _WHEEL = (0.15, 0.01)  # m/s; share of the speed
 _HELD = 0.08  # torque over load that any road holds: a wheel under more may spin or lock
-_BACKWARD = 0.3  # share of the speed by which a wheel turns backward that cannot
 _ROLLS = (2.0, 0.15)  # m/s, and share of the speed, by which a wheel that rolls may differ from it
 _HOLDS = (0.5, 0.03)  # m/s, and share of the speed, by which one under torque may, to be a witness
 _SPEED = (0.4, 0.02)  # m/s, and share
@@ -54,13 +53,11 @@ class Tellings(NamedTuple):
         value: (13,) specific force in m/s², yaw rate in rad/s, speed in m/s.
         std: (13,) 1σ, infinite where it says nothing.
         answers: (13,) whether it must say so if its sensors are sound.
-        impossible: (13,) no sound sensor says so: a wheel that turns backward while most turn forward.
     """
 
     value: Float[Array, " 13"]
     std: Float[Array, " 13"]
     answers: Bool[Array, " 13"]
-    impossible: Bool[Array, " 13"]
 
 
 def inner_mean(values: Float[Array, "... k"], present: Bool[Array, "... k"]) -> tuple[Array, Array, Array]:
@@ -101,7 +98,7 @@ class Redundancy(eqx.Module):
 
     Speed, each wheel R ω cos δ ± r T/2 against the others and a speed signal. A wheel under a torque that
     some road would not hold may spin or lock, which is no fault of its sensor, and then has not to answer for
-    it, nor is it a witness against wheels that roll; but no torque makes it turn backward.
+    it, nor is it a witness against wheels that roll.
 
     Attributes:
         radius: rolling radius, m.
@@ -224,9 +221,6 @@ class Redundancy(eqx.Module):
         rims = self.radius * spin * steered_cosines(cosine) + half * rate
         rims_std = _WHEEL[0] + jnp.abs(speed) * (_WHEEL[1] + 2 * slip)
         free = used < _HELD
-        least = -_BACKWARD * jnp.maximum(jnp.abs(speed), self.slowest)
-        backward = has_spin & (rims * jnp.sign(speed) < least)
-        backward = backward & (jnp.sum(backward) < 2)
         value = jnp.concatenate([jnp.stack(along), *turning, rims, signal.value[None]])
         signal_std = jnp.hypot(_SPEED[0], _SPEED[1] * speed)
         std = jnp.concatenate([jnp.stack(along_std), *turning_std, rims_std, signal_std[None]])
@@ -243,4 +237,4 @@ class Redundancy(eqx.Module):
         others = jnp.ones(len(TELLINGS), bool)
         wheels_at = slice(TELLINGS.index("wheel_fl"), TELLINGS.index("wheel_rr") + 1)
         answers = others.at[wheels_at].set(free)
-        return Tellings(value, std, answers, (~others).at[wheels_at].set(backward & moves))
+        return Tellings(value, std, answers)
