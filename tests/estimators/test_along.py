@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -9,13 +11,16 @@ import pytest
 from jaxtyping import Array
 from numpy.typing import NDArray
 
+from roadstate.core import Log
 from roadstate.core.channels import WHEELS
 from roadstate.core.gaussian import Gaussian
+from roadstate.estimators import build
 from roadstate.estimators.along import LATE, SPEED, AlongInput, AlongModel
 from roadstate.estimators.pitch import Pitching
 from roadstate.filters import KF, FilterState
+from roadstate.run import batch
 from roadstate.tires.smooth import Numbers
-from roadstate.vehicles import load_vehicle
+from roadstate.vehicles import Vehicle, load_vehicle
 
 DT = 0.01
 NOISE = 0.05  # m/s: of a wheel's speed
@@ -104,3 +109,29 @@ def test_a_receiver_tells_a_speed_that_has_been() -> None:
     x[SPEED], x[known.place("speed_lag")] = 20.0, 0.03
     told = known.h(jnp.asarray(x), given(20.0, -5.0, 0.0))
     assert float(told[known.sensors.index("speed")]) == pytest.approx(20.0 + (LATE[0] + 0.03) * 5.0)
+
+
+@pytest.mark.parametrize(("bias", "least", "most"), [(40.0, 0.6, 1.2), (0.0, 1.6, 5.0)])
+def test_torque_sensors_that_tell_of_torque_where_there_is_none(
+    vehicle: Vehicle, drive: Callable[..., Log], bias: float, least: float, most: float
+) -> None:
+    """A minute uphill: nothing tells their constant error of 40 N·m from grade; who denies it is too sure."""
+    count, seeds = 6000, 12
+    time = np.arange(count) / 100
+    rng = np.random.default_rng(0)
+    clean = drive(15 + np.sin(2 * np.pi * time / 20), np.full(count, 0.03))
+    own, prior = vehicle.sensors, vehicle.prior.model_copy(update={"rolling_resistance_std": 0.0005})
+    torque = own.wheel_torque.model_copy(update={"bias": bias})
+    known = own.model_copy(update={"wheel_torque": torque})
+    car = vehicle.model_copy(update={"sensors": known, "prior": prior})
+    logs = []
+    for _ in range(seeds):
+        channels = {
+            c: clean[c] + 40.0 * rng.standard_normal() for c in ("drive_torque_fl", "drive_torque_fr")
+        }
+        vibration = own.accel.noise_density * 10 * rng.standard_normal(count)
+        channels["accel_x"] = clean["accel_x"] + own.accel.bias * rng.standard_normal() + vibration
+        logs.append(clean.with_channels(channels))
+    said = batch([build("joint", car, logs[0].available)] * seeds, logs)
+    z = np.array([(e.values["grade"][-1] - 0.03) / e.std["grade"][-1] for e in said])
+    assert least < np.sqrt(np.mean(z**2)) < most

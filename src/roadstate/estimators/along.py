@@ -80,9 +80,9 @@ class AlongModel(StateSpaceModel):
     mounting yaw of the accelerometer (the last with a lateral one); with a pitch rate the errors of the
     pitch gradient k, of the gyroscope, of the roll gradient and the mounting roll, and the body's nose-up
     attitude Θ̇ = Θ̇_told + b_q + r (δk_φ ā_y + φ_m); with wheels how much more all of them slip than
-    their forces say; with torques the relative errors of mass, drive and brakes and that of the rolling
-    resistance; that of the rolling radius, and by how much it is later than usual, with a speed that is
-    not the wheels'; height with an altitude.
+    their forces say; with torques the relative errors of mass, drive and brakes and δf, that of the
+    rolling resistance and of what the torques' sensors tell where there is none; that of the rolling radius,
+    and by how much it is later than usual, with a speed that is not the wheels'; height with an altitude.
 
     Sensors: the wheels' speeds (freed of yaw and of the slip σ_i that their forces make: v_x + v σ_i ε_σ),
     the speed signal, late by a time τ of its own: v_x − τ v̇; altitude, rate of climb;
@@ -129,7 +129,8 @@ class AlongModel(StateSpaceModel):
             slow["mass"] = (prior.mass_relative, _LASTING)
             slow["drive_gain"] = (torque.relative, _LASTING)
             slow["brake_gain"] = (torque.relative if measured else BRAKE_RELATIVE, _BRAKE_LASTING)
-            slow["rolling_resistance"] = (prior.rolling_resistance_std, _LASTING)
+            zero = _torque_zero(vehicle, torque.bias, at_wheels=at_wheels)
+            slow["resistance"] = (float(np.hypot(prior.rolling_resistance_std, zero)), _LASTING)
         if wheels and "speed" in available:
             slow["wheel_radius"] = (sensors.wheel_speed.scale, _LASTING)
         if "speed" in available:
@@ -181,8 +182,8 @@ class AlongModel(StateSpaceModel):
             elif sensor == "vertical_speed":
                 rows.append(u.speed * x[SLOPE] / GRAVITY)
             elif sensor == "traction":
-                mass, drive, brake, rolling = (x[self.place("mass") + i] for i in range(4))
-                gains = (drive - mass) * u.drive - (brake - mass) * u.brake - rolling * u.rolling
+                mass, drive, brake, resistance = (x[self.place("mass") + i] for i in range(4))
+                gains = (drive - mass) * u.drive - (brake - mass) * u.brake - resistance * u.rolling
                 rows.append(self.accel_error(x, u) + gains)
             elif sensor == "attitude":
                 leans = self.lean_gradient * u.lean + x[self.place("lean_gradient")] * u.lasting
@@ -254,6 +255,15 @@ class AlongModel(StateSpaceModel):
         if "altitude" in self.states:
             blocks.append(jnp.diag(jnp.stack([jnp.asarray(2000.0), self.wander[0]])))
         return Gaussian(jnp.zeros(len(self.states)), jnp.asarray(jsl.block_diag(*blocks)))
+
+
+def _torque_zero(vehicle: Vehicle, bias: float, *, at_wheels: bool) -> float:
+    """Which coefficient of rolling resistance does as much as 1σ of the constant error of each sensor; an
+    engine's works through a gear in the middle."""
+    driveline = vehicle.driveline
+    ratios = np.array(driveline.gear_ratios or [1.0]) * driveline.final_drive
+    gain = (4 if driveline.driven == "all" else 2) ** 0.5 if at_wheels else np.exp(np.mean(np.log(ratios)))
+    return float(gain * bias / (vehicle.wheels.radius * vehicle.mass * GRAVITY))
 
 
 def _slow_factor(std: dict[str, float]) -> NDArray[np.float64]:

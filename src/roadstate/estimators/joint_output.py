@@ -119,7 +119,7 @@ def _along(joint: Joint, state: JointState, scale: Array) -> tuple[Array, Array]
     mass = joint.forces.car.mass
     if "mass" not in names:
         return measured, mass * std[BIAS] * jnp.ones(2) / 2
-    figures = jnp.asarray([names.index(s) for s in ("drive_gain", "brake_gain", "rolling_resistance")])
+    figures = jnp.asarray([names.index(s) for s in ("drive_gain", "brake_gain", "resistance")])
     parts = jnp.stack([forces.drive, -forces.brake, -forces.rolling])
     noise = joint.inputs.white(state.unrest, forces) / (2 * SMOOTHING) ** 0.5
     aside = std[names.index("mounting_yaw")] * forces.accel[1] if "mounting_yaw" in names else 0.0

@@ -42,7 +42,9 @@ def as_fitted(vehicle: Vehicle) -> Vehicle:
         "accel": sensors.accel.model_copy(update={"noise_density": 0.005, "bias": 0.01}),
         "wheel_speed": sensors.wheel_speed.model_copy(update={"noise": 0.05, "scale": 0.002}),
         "yaw_rate": sensors.yaw_rate.model_copy(update={"noise": 0.0035, "bias": 1e-4}),
-        "wheel_torque": sensors.wheel_torque.model_copy(update={"noise": 3.2, "relative": 0.002}),
+        "wheel_torque": sensors.wheel_torque.model_copy(
+            update={"noise": 3.2, "bias": 0.0, "relative": 0.002}
+        ),
     }
     known = {"mass_relative": 0.01, "drag_relative": 0.02, "rolling_resistance_std": 0.0005}
     return vehicle.model_copy(

@@ -99,6 +99,8 @@ class TorqueSensor(Section):
 
     noise: _TorqueNoise = 5.0
     """1σ of the part that does not depend on the torque"""
+    bias: _TorqueNoise = 2.0
+    """1σ of the constant error: what is told where there is no torque"""
     relative: _Share = 0.05
     """1σ as a share of the torque"""
 
@@ -108,6 +110,8 @@ class WheelTorqueSensor(TorqueSensor):
 
     noise: _TorqueNoise = 20.0
     """1σ of the part that does not depend on the torque"""
+    bias: _TorqueNoise = 5.0
+    """1σ of the constant error: what is told where there is no torque"""
     relative: _Share = 0.03
     """1σ as a share of the torque"""
 
