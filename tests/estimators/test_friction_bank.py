@@ -92,6 +92,24 @@ class TestBank:
         state = self.driven(bank, (seconds, touch(along, slip)))
         return np.asarray(bank.quantiles(state, (0.05, 0.5, 0.95)))[:, 0]
 
+    @pytest.mark.parametrize("gyro_error", [-0.03, 0.0, 0.03])
+    def test_what_takes_a_gyroscopes_place_is_not_summed_up(
+        self, vehicle: Vehicle, gyro_error: float
+    ) -> None:
+        """For 10 s of a bend nothing tells the motion across but what others make of the yaw rate."""
+        motion, turn = Sideways(vehicle), 0.1
+        lost = touch()._replace(
+            accel_y=jnp.asarray(15.0 * turn), yaw_rate=jnp.asarray(turn + gyro_error), across_std=jnp.full(2, jnp.inf)
+        )  # fmt: skip
+        x, P = jnp.zeros((SIZE, 1)), motion.first[:, :, None]
+        move = jax.jit(lambda x, P: motion.moved(x, P, lost, jnp.asarray(0.01)))
+        for _ in range(1000):
+            x, P = move(x, P)
+        follows, std = vehicle.geometry.cg_to_rear_axle * turn, float(P[V_Y, V_Y, 0]) ** 0.5
+        assert abs(float(x[V_Y, 0]) - follows) < std
+        assert 0.03 * 15 <= std < 0.05 * 15
+        assert np.linalg.eigvalsh(P[:, :, 0]).min() > 0
+
     def test_sliding_wheels_tell_the_friction_at_once(self, vehicle: Vehicle) -> None:
         # far beyond the peak: 0.28 is what a friction of 0.33 leaves there, and no slip error matters
         low, middle, high = self.after(FrictionBank(vehicle), 0.3, along=0.28, slip=0.25)

@@ -258,7 +258,7 @@ class Joint(Estimator[JointState]):
         bank, likelihood = once(self.bank.step(state.bank, touch, dt))
         trust = self.trust.test(state.trust, raw, balance, signal, speed, held.repeats >= REPEATS, dt)
         trust, now = once((trust, self.trust.verdict(trust)))
-        found = (now.lies & (~verdict.lies)) | (now.swapped & (~verdict.swapped))
+        found = (now.lies & (~verdict.lies)) | (now.swapped != verdict.swapped)
         # the car was taken to go backward as its wheels told
         turned = jnp.any((held.sense < 0) & (state.signals.sense == 0)) & (rolls * speed < 0)
         trust = once(jax.tree.map(lambda new, kept: jnp.where(turned, new, kept), self.trust.init(), trust))

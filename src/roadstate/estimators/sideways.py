@@ -38,6 +38,8 @@ FORCE_ERROR_TIME = 0.05
 SLIP_ERROR = 0.0015
 """1σ of a slip that does not change, of teeth and what the low pass leaves of noise."""
 _AT_REST = 0.05  # m/s: 1σ of v_y then
+# without an acceleration or yaw rate: s for which v_y is remembered, and 1σ of the rear axle's slip angle, rad
+_LOST = (0.5, 0.03)
 _LASTS = np.isin(np.arange(SIZE), [BIAS_Y, STIFF_F, STIFF_R, SHAPE, GIVE_F, STEER_BIAS, BIAS_R])
 _ALIKE = 0.7  # correlation of what front and rear tires are stiffer than the file says: they are of one make
 # share of steering and suspension in what the front axle is softer than the rear, and 1σ
@@ -130,8 +132,7 @@ class Sideways(eqx.Module):
         self, x: Float[Array, "n J"], P: Float[Array, "n n J"], touch: Touch, dt: Float[Array, ""]
     ) -> tuple[Float[Array, "n J"], Float[Array, "n n J"]]:
         """Means and covariances of J hypotheses Δt later."""
-        is_slow = jnp.abs(touch.speed) < SLOWEST
-        bank, keep, shrink, noise, lever, turn = once(self._figures(touch, is_slow, dt))
+        bank, keep, remembered, shrink, noise, lever, turn = once(self._figures(touch, dt))
 
         def leading(a: Array) -> tuple[Array, Array, Array]:
             """The first states mix, the others only forget."""
@@ -144,24 +145,31 @@ class Sideways(eqx.Module):
         columns = once(leading(jnp.swapaxes(half, 0, 1)))
         whole = once(jax.lax.dynamic_update_slice(half, jnp.stack(columns, axis=1), (0, 0, 0)))
         across, *banking = leading(x)
-        # at a walking pace the rear axle follows where it points
+        # at a walking pace the rear axle follows where it points; so it mostly does while nothing tells
         follows = -self.arm[1] * (touch.yaw_rate - x[BIAS_R])
         driven = across + dt * (touch.accel_y - touch.speed * touch.yaw_rate)
-        first = jnp.stack([jnp.where(is_slow, follows, driven), *banking])
+        first = jnp.stack([follows + remembered * (driven - follows), *banking])
         return (
             jnp.concatenate([first, keep[3:, None] * x[3:]]),
             whole * shrink[:, :, None] + noise[:, :, None],
         )
 
-    def _figures(self, touch: Touch, is_slow: Array, dt: Array) -> tuple[Array, ...]:
-        """The bank's transition, what is kept of states and covariance, its noise, and what moves v_y."""
+    def _figures(self, touch: Touch, dt: Array) -> tuple[Array, ...]:
+        """The bank's transition, what is kept of states, v_y and covariance, its noise, and what moves v_y."""
         distance = jnp.abs(touch.speed) * dt
+        is_slow = jnp.abs(touch.speed) < SLOWEST
+        # only what moves the car across tells of a rear axle's force
+        is_lost = jnp.isinf(touch.across_std[1])
+        fades = jnp.where(is_lost, jnp.exp(-dt / _LOST[0]), 1.0)
+        remembered = jnp.where(is_slow, 0.0, fades)
         keep = jnp.where(_LASTS, jnp.exp(-dt / _LASTING), 1.0)
-        held = jnp.where(is_slow & _IS_V_Y, 0.0, keep)
-        white = jnp.where(is_slow, _AT_REST**2, self.white**2 * dt)
+        held = jnp.where(_IS_V_Y, remembered, keep)
+        strays = (1 - fades**2) * (_LOST[1] * touch.speed) ** 2
+        white = jnp.where(is_slow, _AT_REST**2, self.white**2 * dt + strays)
         noise = (1 - keep[:, None] * keep) * jnp.where(_BOTH_LAST, self.first, 0.0)
         noise = noise + jnp.where(np.diag(_IS_V_Y), white, 0.0)
         root_Q = self.road.sqrt_Q(distance)
         noise = noise + jnp.pad(root_Q @ root_Q.T, (BANK, SIZE - BANK - 2))
         shrink = held[:, None] * held
-        return self.road.transition(distance), keep, shrink, noise, dt * touch.yaw_accel, dt * touch.speed
+        turn = dt * touch.speed
+        return self.road.transition(distance), keep, remembered, shrink, noise, dt * touch.yaw_accel, turn
