@@ -98,9 +98,8 @@ class TestBank:
     ) -> None:
         """For 10 s of a bend nothing tells the motion across but what others make of the yaw rate."""
         motion, turn = Sideways(vehicle), 0.1
-        lost = touch()._replace(
-            accel_y=jnp.asarray(15.0 * turn), yaw_rate=jnp.asarray(turn + gyro_error), across_std=jnp.full(2, jnp.inf)
-        )  # fmt: skip
+        bend = touch()._replace(accel_y=jnp.asarray(15 * turn), yaw_rate=jnp.asarray(turn + gyro_error))
+        lost = bend._replace(across_std=jnp.full(2, jnp.inf))
         x, P = jnp.zeros((SIZE, 1)), motion.first[:, :, None]
         move = jax.jit(lambda x, P: motion.moved(x, P, lost, jnp.asarray(0.01)))
         for _ in range(1000):

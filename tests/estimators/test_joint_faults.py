@@ -129,6 +129,20 @@ def test_a_swapped_sign_is_named_and_put_right(run: Run, bends: Log, clean: Esti
         assert (apart < np.maximum(near, 2 * said.std[quantity][end])).all(), quantity
 
 
+@pytest.mark.parametrize("channel", ["yaw_rate", "accel_y", "accel_x"])
+def test_a_sign_that_was_right_is_not_put_right(run: Run, bends: Log, clean: Estimates, channel: str) -> None:
+    """How a sensor is mounted does not change on the way: what is right again later must not be turned."""
+    during = (TIME > 8.0) & (TIME < 13.0)
+    said = run(bends.with_channels({channel: np.where(during, -1, 1) * bends[channel]}))
+    assert 8.0 < named(said)[f"{channel}: contradicts what others tell; left out"] < 10.0
+    assert not any("wrong sign" in f for f in named(said))
+    end = TIME > 16.5
+    assert not np.isin(said.validity[end], [Validity.SENSOR_FAULT]).any()
+    for quantity, near in (("grade", 0.01), ("velocity_y", 0.1), ("speed", 0.1)):
+        assert np.abs(said.values[quantity] - clean.values[quantity])[end].max() < near, quantity
+    assert (said.values["friction_peak_lower"] < clean.values["friction_peak_upper"])[end].all()
+
+
 @pytest.mark.parametrize("mirrored", [("left", "right"), BENDS])
 def test_a_mirrored_car_is_named(run: Run, bends: Log, mirrored: tuple[str, ...]) -> None:
     """Sides swapped, or all that tells of bends: which of them it is, nothing in the log can tell."""

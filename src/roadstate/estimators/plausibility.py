@@ -64,6 +64,7 @@ class PlausibilityState(NamedTuple):
         slope: what a slope adds to the wheels' acceleration, m/s².
         evidence: (4, 13) that a channel's sign is swapped, while the others say more than 0, and less; that
             it is not right; that it is not right with its sign swapped either.
+        proven: (13,) whether its sign has ever been as sure to be right as it takes to be taken for swapped.
         reference: (13,) what the others say.
         effort: (4,) m/s², how hard drive and brakes have acted of late.
         speed: the speed signal.
@@ -73,6 +74,7 @@ class PlausibilityState(NamedTuple):
     smooth: Float[Array, " 13"]
     slope: Float[Array, ""]
     evidence: Float[Array, "4 13"]
+    proven: Bool[Array, " 13"]
     reference: Float[Array, " 13"]
     effort: Float[Array, " 4"]
     speed: Held
@@ -104,7 +106,8 @@ class Plausibility(eqx.Module):
     A channel that repeats its last value to the bit does not gain credit by what it says. A channel can be
     accused where two others agree, the sign of the longitudinal accelerometer also by the wheels alone, whose
     acceleration a slope makes differ from it, slowly. A sign that has proved right for long takes as much
-    more to be doubted.
+    more to be doubted, and is never put right: how a sensor is mounted does not change on the way, so it is
+    one that lies, and may as well be right again.
 
     Attributes:
         redundancy: what tells the same.
@@ -119,7 +122,8 @@ class Plausibility(eqx.Module):
         """Nothing is known of any."""
         none = jnp.zeros(_COUNT)
         zero = jnp.zeros(())
-        return PlausibilityState(none, none, zero, jnp.zeros((4, _COUNT)), none, jnp.zeros(4), Held.empty())
+        evidence, never = jnp.zeros((4, _COUNT)), none > 0
+        return PlausibilityState(none, none, zero, evidence, never, none, jnp.zeros(4), Held.empty())
 
     def fault_names(self, named: Sequence[str | None]) -> tuple[str, ...]:
         """What :meth:`faults` tells of, as sentences.
@@ -152,7 +156,7 @@ class Plausibility(eqx.Module):
         plus, minus, right, swapped = state.evidence
         both, one = jnp.minimum(plus, minus) > _SWAPPED, jnp.maximum(plus, minus) > _ONE_SIDED * _SWAPPED
         one = one & (jnp.minimum(plus, minus) > -_SWAPPED) & jnp.asarray(_ACCUSED)
-        is_swapped = (both | one) & (swapped < _LIES) & jnp.asarray(_SIGNED)
+        is_swapped = (both | one) & (swapped < _LIES) & (~state.proven) & jnp.asarray(_SIGNED)
         return Verdict(is_swapped, (right > _LIES) & (~is_swapped) & jnp.asarray(_ACCUSED))
 
     def mend(
@@ -254,4 +258,5 @@ class Plausibility(eqx.Module):
         least = jnp.asarray([-_TRUST * _SWAPPED, -_TRUST * _SWAPPED, 0.0, 0.0])[:, None]
         most = jnp.asarray([(_ONE_SIDED + 1) * _SWAPPED] * 2 + [2 * _LIES] * 2)[:, None]
         raised = jnp.clip(state.evidence + evidence, least, most)
-        return PlausibilityState(since, smooth, slope, raised, reference, effort, held)
+        proven = state.proven | (jnp.min(raised[:2], axis=0) < -_SWAPPED)
+        return PlausibilityState(since, smooth, slope, raised, proven, reference, effort, held)

@@ -38,7 +38,7 @@ FORCE_ERROR_TIME = 0.05
 SLIP_ERROR = 0.0015
 """1σ of a slip that does not change, of teeth and what the low pass leaves of noise."""
 _AT_REST = 0.05  # m/s: 1σ of v_y then
-# without an acceleration or yaw rate: s for which v_y is remembered, and 1σ of the rear axle's slip angle, rad
+# without an acceleration or yaw rate: s for which v_y is remembered, and 1σ of the rear slip angle, rad
 _LOST = (0.5, 0.03)
 _LASTS = np.isin(np.arange(SIZE), [BIAS_Y, STIFF_F, STIFF_R, SHAPE, GIVE_F, STEER_BIAS, BIAS_R])
 _ALIKE = 0.7  # correlation of what front and rear tires are stiffer than the file says: they are of one make
@@ -155,7 +155,7 @@ class Sideways(eqx.Module):
         )
 
     def _figures(self, touch: Touch, dt: Array) -> tuple[Array, ...]:
-        """The bank's transition, what is kept of states, v_y and covariance, its noise, and what moves v_y."""
+        """The bank's transition, what is kept of states, v_y and covariance, noise, and what moves v_y."""
         distance = jnp.abs(touch.speed) * dt
         is_slow = jnp.abs(touch.speed) < SLOWEST
         # only what moves the car across tells of a rear axle's force
