@@ -36,7 +36,6 @@ if TYPE_CHECKING:
 _TORQUE_TIME = 0.1  # s: correlation time of the torque signals' noise
 _TORQUE_DELAY = 0.03  # s by which a torque signal may be late
 _UNKNOWN = {"shift": 1.5, "brake": 6.0, "drive": 3.0}  # m/s²/√Hz: intensity of a force that is not known
-_COASTING = 0.4  # m/s²: drive below which the pedal counts as released
 _CRAWL = 1.0  # m/s under which a brake's torque may be anything up to what it could be
 _UNEVEN = 0.02  # m/s²/√Hz: what the road's unevenness does to the force that torques tell
 _GUST = 3.0  # m/s/√Hz: a wind that varies by 1 m/s over 5 s
@@ -94,6 +93,7 @@ class _Scene(NamedTuple):
     known: Bool[Array, ""]
     felt: Bool[Array, ""]
     unknown: Bool[Array, ""]
+    may_brake: Bool[Array, ""]
 
 
 class _Balance(NamedTuple):
@@ -161,7 +161,7 @@ class ForceMeter(eqx.Module):
         age = jnp.full((), NEVER)
         return ForceMeterState(
             traction,
-            BrakeWatch(jnp.zeros(())),
+            BrakeWatch.none(),
             jnp.zeros(8),
             age,
             jnp.zeros(3),
@@ -222,10 +222,12 @@ class ForceMeter(eqx.Module):
         torque = state.torque + new * (fresh - state.torque)
         held = Held(signals.value[ACCEL_X], signals.age[ACCEL_X])
         push = jnp.sum(pulling) / (radius * mass)
-        brakes = state.brakes.take(held, push - drag, dt)
+        gentle = jnp.sum(torque[:4]) / (radius * mass)
+        brakes = state.brakes.take(held, push - drag, gentle, dt)
         knows_brakes = self._traction is not None and self._traction.knows_brakes
-        seems = brakes.suspects(push < _COASTING) & (held.age < STALE) & (not knows_brakes)
-        unknown = drive.is_brake_unknown | seems
+        watches = (held.age < STALE) & (not knows_brakes)
+        unknown = drive.is_brake_unknown | (brakes.seems & watches)
+        may_brake = unknown | (brakes.possible & (not knows_brakes))
         engine = jnp.maximum(drive.inertia - mass - jnp.sum(car.wheel_inertia) / radius**2, 0) * radius**2
         coefficient = car.rolling_resistance + car.rolling_resistance_speed * speed**2
         angle = jnp.clip(smooth[STEER], -0.9, 0.9)
@@ -240,6 +242,7 @@ class ForceMeter(eqx.Module):
             known=drive.age < STALE,
             felt=signals.age[ACCEL_X] < STALE,
             unknown=unknown,
+            may_brake=may_brake,
         )
         slow = self._balance(accel, signals.rate, torque, scene)
         sharp = self._freed(signals.now, lean.ahead(SMOOTHING)) - accel_error
@@ -276,7 +279,7 @@ class ForceMeter(eqx.Module):
             drive=jnp.sum(torque[:4]) / (radius * mass),
             brake=jnp.sum(torque[4:]) / (radius * mass),
             rolling=GRAVITY * direction,
-            intensity=self._intensity(drive, unknown, jump, speed, gust, accel, scene.sine),
+            intensity=self._intensity(drive, may_brake, jump, speed, gust, accel, scene.sine),
             gust=gust,
             age=drive.age,
             is_shifting=drive.is_shifting,
@@ -304,7 +307,7 @@ class ForceMeter(eqx.Module):
         rest = mass * (accel[0] + at.drag) - pull
         most = _LARGEST * mass * GRAVITY * radius
         share = jnp.abs(torque[:4]) + jnp.abs(torque[4:]) + 0.02 * most * self._driven
-        blind = at.unknown | ((~at.known) & (rest < 0))
+        blind = at.unknown | ((at.may_brake | ~at.known) & (rest < 0))
         share = jnp.where(at.known, share / jnp.sum(share), self._driven)
         share = jnp.where(blind, at.load / jnp.sum(at.load), share)
         along = told + jnp.where(at.felt, share * rest, 0.0) / turn
@@ -343,7 +346,7 @@ class ForceMeter(eqx.Module):
     def _intensity(
         self,
         drive: Traction,
-        unknown: Array,
+        may_brake: Array,
         jump: Array,
         speed: Array,
         gust: Array,
@@ -358,5 +361,5 @@ class ForceMeter(eqx.Module):
         lost = jnp.where(drive.is_shifting, _UNKNOWN["shift"], 0.0)
         lost = jnp.where(drive.age < STALE, lost, _UNKNOWN["drive"])
         held = jnp.where(jnp.abs(speed) < _CRAWL, _UNKNOWN["brake"], 0.0)
-        brake = jnp.where(unknown, _UNKNOWN["brake"], held)
+        brake = jnp.where(may_brake, _UNKNOWN["brake"], held)
         return jnp.sqrt(_UNEVEN**2 + gust**2 + white**2 + late**2 + turning**2 + lost**2 + brake**2)

@@ -40,7 +40,6 @@ _TORQUE_TIME = 0.1  # s: correlation time of the torque signal's noise
 _BRAKE_TIME = 1.0  # s: of the error of a brake's force
 _UNKNOWN = {"shift": 1.5, "brake": 6.0, "drive": 3.0}  # m/s²/√Hz: intensity of a force that is not known
 _UNSEEN_BRAKE = 0.15  # m/s²: 1σ of a brake too light to be recognised, with the pedal released
-_COASTING = 0.4  # m/s²: drive below which the pedal counts as released
 
 
 class _Input(NamedTuple):
@@ -224,7 +223,7 @@ class DEBE(Estimator[DEBEState]):
         empty, zero = Held.empty(), jnp.zeros(())
         validity = jnp.asarray(int(Validity.SENSOR_MISSING))
         start = self.filter.init(self.model)
-        traction, brakes = self.traction.init(), BrakeWatch(zero)
+        traction, brakes = self.traction.init(), BrakeWatch.none()
         return DEBEState(start, traction, empty, empty, empty, brakes, empty.age, zero, validity)
 
     def step(self, state: DEBEState, sample: Sample, dt: Float[Array, ""]) -> tuple[DEBEState, Info]:
@@ -240,14 +239,14 @@ class DEBE(Estimator[DEBEState]):
         known = drive.age < _STALE
         push = jnp.where(known, drive.force / self.mass, 0.0)
         explained = push - self.model.resistance(speed, grade) - cornering
-        watch = state.brakes.take(accel, explained, dt)
-        coasting = drive.drive_force < _COASTING * self.mass
-        braking, unknown = self._brakes(drive, coasting, accel, watch)
+        watch = state.brakes.take(accel, explained, drive.drive_force / self.mass, dt)
+        braking, unknown = self._brakes(drive, accel, watch)
         stands = jnp.abs(speed) < STANDSTILL_SPEED
         intensity = jnp.hypot(_MODEL_NOISE, drive.torque_std / self.mass * _TORQUE_TIME**0.5)
         intensity = jnp.hypot(intensity, drive.brake_std / self.mass * _BRAKE_TIME**0.5)
         intensity = jnp.hypot(intensity, jnp.where(drive.is_shifting, _UNKNOWN["shift"], 0.0))
-        intensity = jnp.hypot(intensity, jnp.where(unknown, _UNKNOWN["brake"], 0.0))
+        may_brake = unknown | (watch.possible & (not self.traction.knows_brakes))
+        intensity = jnp.hypot(intensity, jnp.where(may_brake, _UNKNOWN["brake"], 0.0))
         intensity = jnp.hypot(intensity, jnp.where(known & ~stands, 0.0, _UNKNOWN["drive"]))
         share = self.mass / drive.inertia
         direction = signed_direction(
@@ -277,7 +276,7 @@ class DEBE(Estimator[DEBEState]):
             (self.drive_relative * drive.drive_force / (self.mass * GRAVITY)) ** 2
             + (self.drag_relative * self.model.drag * speed**2 / GRAVITY) ** 2
             + self.rolling_std**2
-            + jnp.where(coasting & (not self.traction.knows_brakes), _UNSEEN_BRAKE / GRAVITY, 0.0) ** 2
+            + jnp.where(watch.coasting & (not self.traction.knows_brakes), _UNSEEN_BRAKE / GRAVITY, 0.0) ** 2
         )
         new = DEBEState(
             filter_state, traction_state, yaw_rate, steer, accel, watch, speed_age, error, validity
@@ -285,15 +284,15 @@ class DEBE(Estimator[DEBEState]):
         return new, info
 
     def _brakes(
-        self, drive: Traction, coasting: Bool[Array, ""], accel: Held, watch: BrakeWatch
+        self, drive: Traction, accel: Held, watch: BrakeWatch
     ) -> tuple[Bool[Array, ""], Bool[Array, ""]]:
         """Whether brakes act, and whether with a force that is not known."""
         if self.traction.knows_brakes:
             return drive.is_braking, drive.is_brake_unknown
-        suspected = coasting
         if "accel_x" in self.channels:
-            suspected = watch.suspects(coasting) & (accel.age < _SILENT)
-        return suspected, suspected
+            seems = watch.seems & (accel.age < _SILENT)
+            return seems, seems
+        return watch.coasting, watch.coasting
 
     def estimate(self, state: DEBEState) -> Estimate:
         """Grade and speed."""

@@ -35,7 +35,6 @@ _STALE = 0.5  # s without a torque or an acceleration after which it counts as u
 _TORQUE_TIME = 0.1  # s: correlation time of the torque signals' noise
 _TORQUE_DELAY = 0.03  # s by which a torque signal may be late
 _UNKNOWN = {"shift": 1.5, "brake": 6.0, "drive": 3.0}  # m/s²/√Hz: intensity of a force that is not known
-_COASTING = 0.4  # m/s²: drive below which the pedal counts as released
 _JERK = (3.0, 15.0)  # m/s²/√s: how the longitudinal specific force wanders; about to stand
 _CRAWL = 1.0  # m/s under which a brake's torque may be anything up to what it could be
 _SMOOTHING = 0.15  # s: low pass of the torques that gains multiply
@@ -132,7 +131,7 @@ class ForceObserver(eqx.Module):
         """The prior; no sample has come."""
         held = {name: Held.empty() for name in (*FELT, "steer", "gear_ratio")}
         start = self.filter.init(self.model)
-        return ForceState(start, self._traction.init(), held, BrakeWatch(jnp.zeros(())), jnp.zeros(10))
+        return ForceState(start, self._traction.init(), held, BrakeWatch.none(), jnp.zeros(10))
 
     def step(
         self,
@@ -163,9 +162,11 @@ class ForceObserver(eqx.Module):
         car = self.model.vehicle
         radius, mass = car.wheel_radius[0], car.mass
         push = jnp.sum(torque) / (radius * mass)
-        brakes = state.brakes.take(held["accel_x"], push - car.drag(speed) / mass, dt)
-        unseen = brakes.suspects(push < _COASTING) & (held["accel_x"].age < _STALE)
-        unknown = drive.is_brake_unknown | (unseen & (not self._traction.knows_brakes))
+        gentle = jnp.sum(smooth[:4]) / (radius * mass)
+        brakes = state.brakes.take(held["accel_x"], push - car.drag(speed) / mass, gentle, dt)
+        watches = (held["accel_x"].age < _STALE) & (not self._traction.knows_brakes)
+        unknown = drive.is_brake_unknown | (brakes.seems & watches)
+        may_brake = unknown | (brakes.possible & (not self._traction.knows_brakes))
         direction = signed_direction(held["gear_ratio"].value)
         turning = jnp.stack([sample[f"wheel_speed_{w}"] for w in WHEELS])
         seen = jnp.isfinite(turning)
@@ -173,7 +174,7 @@ class ForceObserver(eqx.Module):
         turning = jnp.where(turning < 0, turning, direction * turning)
         engine = jnp.maximum(drive.inertia - mass - jnp.sum(car.wheel_inertia) / radius**2, 0) * radius**2
         jump = torque - braking - smooth[:4] + smooth[4:]
-        noise = self._torque_noise(drive, jump, unknown, speed)
+        noise = self._torque_noise(drive, jump, may_brake, speed)
         step = jnp.clip(jnp.stack([state.held[n].age for n in FELT[:2]]) + dt, _LEAST_STEP, _STALE)
         angle = jnp.clip(held["steer"].value, -0.9, 0.9)
         drag = car.drag(speed) / mass
@@ -232,7 +233,7 @@ class ForceObserver(eqx.Module):
         self,
         drive: Traction,
         jump: Float[Array, " 4"],
-        is_brake_unknown: Bool[Array, ""],
+        may_brake: Bool[Array, ""],
         speed: Float[Array, ""],
     ) -> Float[Array, " 4"]:
         """Intensity of what is not known of each wheel's torque, N·m/√Hz.
@@ -240,7 +241,7 @@ class ForceObserver(eqx.Module):
         Args:
             drive: what drives the car.
             jump: (4,) torque less its smoothed value, N·m.
-            is_brake_unknown: brakes act with a torque that no channel tells.
+            may_brake: brakes act, or may, with a torque that no channel tells.
             speed: m/s.
         """
         car = self.model.vehicle
@@ -254,7 +255,7 @@ class ForceObserver(eqx.Module):
         late = jump * (_TORQUE_DELAY / _SMOOTHING * _TORQUE_TIME**0.5)
         # a wheel that stands is held by any torque up to its brake's
         held = jnp.where(jnp.abs(speed) < _CRAWL, _UNKNOWN["brake"], 0.0)
-        brake = jnp.where(is_brake_unknown, _UNKNOWN["brake"], held) * rim
+        brake = jnp.where(may_brake, _UNKNOWN["brake"], held) * rim
         return jnp.sqrt(0.25 * (model**2 + brake**2) + late**2 + self._driven * (white**2 + lost**2))
 
     quantities: ClassVar[tuple[str, ...]] = tuple(

@@ -29,6 +29,9 @@ _LEAST_PRESSURE = 1e5  # Pa: as much holds the pads back
 _BRAKE_LAG = 0.3  # s: filter of the acceleration that betrays a brake
 _BRAKE_SIGN = 0.8  # m/s²: missing specific force that betrays a brake while the engine pulls
 _BRAKE_SIGN_COASTING = 0.3  # m/s²: the same with the pedal released, when a brake is likely
+_COASTING = 0.4  # m/s²: drive below which the pedal counts as released
+_SUDDEN = 0.5  # m/s² missing at one instant with the pedal released: a brake that has just begun
+_PULLS = (0.1, 0.5)  # m/s², s: so much drive for so long and the foot is not on the brake
 _DRIVE = tuple(f"drive_torque_{w}" for w in WHEELS)
 
 
@@ -67,18 +70,54 @@ class BrakeWatch(NamedTuple):
 
     Attributes:
         missing: low-passed specific force (m/s²) that is there beyond what the drive explains.
+        now: the same at this instant.
+        coasting: whether the drive hardly pulls.
+        pulled: s for which it has pulled so that nobody brakes; once it was long enough, it stays so.
     """
 
     missing: Float[Array, ""]
+    now: Float[Array, ""]
+    coasting: Bool[Array, ""]
+    pulled: Float[Array, ""]
 
-    def take(self, accel: Held, explained: Float[Array, ""], dt: Float[Array, ""]) -> BrakeWatch:
-        """A sample later; ``explained`` is the specific force (m/s²) of what is known to act."""
-        short = jnp.where(accel.age == 0, accel.value - explained - self.missing, 0.0)
-        return BrakeWatch(self.missing - jnp.expm1(-dt / _BRAKE_LAG) * short)
+    @classmethod
+    def none(cls) -> BrakeWatch:
+        """Before the first sample."""
+        zero = jnp.zeros(())
+        return cls(zero, zero, zero > 0, zero)
 
-    def suspects(self, coasting: Bool[Array, ""]) -> Bool[Array, ""]:
+    def take(
+        self, accel: Held, explained: Float[Array, ""], push: Float[Array, ""], dt: Float[Array, ""]
+    ) -> BrakeWatch:
+        """A sample later.
+
+        Args:
+            accel: specific force, m/s².
+            explained: what is known to act makes of it, m/s².
+            push: the drive's part, m/s².
+            dt: s.
+        """
+        now = jnp.where(accel.age == 0, accel.value - explained, self.missing)
+        missing = self.missing - jnp.expm1(-dt / _BRAKE_LAG) * (now - self.missing)
+        pulled = jnp.where(jnp.abs(push) > _PULLS[0], self.pulled + dt, 0.0)
+        pulled = jnp.where(self.seems, 0.0, pulled)
+        return BrakeWatch(
+            missing, now, push < _COASTING, jnp.where(self.pulled > _PULLS[1], self.pulled, pulled)
+        )
+
+    @property
+    def seems(self) -> Bool[Array, ""]:
         """Whether so much is missing that brakes act; released pedals make it likelier."""
-        return self.missing < -jnp.where(coasting, _BRAKE_SIGN_COASTING, _BRAKE_SIGN)
+        return self.missing < -jnp.where(self.coasting, _BRAKE_SIGN_COASTING, _BRAKE_SIGN)
+
+    @property
+    def possible(self) -> Bool[Array, ""]:
+        """Whether what is missing may be a brake's all the same, and must not be learnt as a bias.
+
+        It may where it is too sudden for a low pass, and where the log has begun with the pedal released.
+        """
+        begins = self.coasting & (self.now < -_SUDDEN)
+        return begins | (self.pulled <= _PULLS[1])
 
 
 class TractionState(NamedTuple):
