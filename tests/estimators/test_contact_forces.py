@@ -32,7 +32,9 @@ def balance(
     zero = jnp.zeros(8)
     value = zero.at[ACCEL_X].set(accel).at[SPIN].set(SPEED / vehicle.wheels.radius)
     rate = zero.at[SPIN].set(jnp.asarray(spin_rate) / vehicle.wheels.radius)
-    signals = Signals(value, zero, jnp.ones(8, bool), value, rate, value, rate, jnp.zeros(8, bool))
+    signals = Signals(
+        value, zero, jnp.ones(8, bool), value, rate, zero, zero, value, rate, jnp.zeros(8, bool)
+    )
     sample = {c: jnp.asarray(torque if c[-2] == "f" else 0.0) for c in meter.channels}
     leaning = Lean(jnp.asarray(accel), jnp.zeros(()), jnp.asarray(accel))
     state = meter.init()._replace(lean=leaning)
@@ -96,7 +98,9 @@ def leans(vehicle: Vehicle, kinds: tuple[str, ...], lasting: float = 0.0) -> np.
     def step(state: ForceMeterState, accel: Array) -> tuple[ForceMeterState, Array]:
         value = jnp.zeros(8).at[ACCEL_X].set(accel).at[SPIN].set(SPEED / vehicle.wheels.radius)
         zero = jnp.zeros(8)
-        signals = Signals(value, zero, jnp.ones(8, bool), value, zero, value, zero, jnp.zeros(8, bool))
+        signals = Signals(
+            value, zero, jnp.ones(8, bool), value, zero, zero, zero, value, zero, jnp.zeros(8, bool)
+        )
         speed, still = jnp.asarray(SPEED), jnp.zeros(())
         state, forces = meter.read(state, sample, signals, speed, jnp.zeros(2), still, jnp.asarray(STEP))
         return state, forces.lean.accel
@@ -128,7 +132,9 @@ def test_noise_of_torques_is_no_force_and_a_jump_of_them_is_one_at_once(vehicle:
     torques[300:] += 800.0
     value = jnp.zeros(8).at[SPIN].set(SPEED / vehicle.wheels.radius)
     zero = jnp.zeros(8)
-    signals = Signals(value, zero, jnp.ones(8, bool), value, zero, value, zero, jnp.zeros(8, bool))
+    signals = Signals(
+        value, zero, jnp.ones(8, bool), value, zero, zero, zero, value, zero, jnp.zeros(8, bool)
+    )
 
     def step(state: ForceMeterState, pair: Array) -> tuple[ForceMeterState, Array]:
         sample = {c: jnp.zeros(()) for c in meter.channels}
@@ -149,7 +155,9 @@ def test_what_stirs_up_an_axle_is_remembered_for_a_moment(vehicle: Vehicle) -> N
     zero, state, stir = jnp.zeros(8), meter.init(), []
     for now in (0.0, -2.0, *[0.0] * 15):
         sharp = zero.at[ACCEL_X].set(now)
-        signals = Signals(zero, zero, jnp.ones(8, bool), zero, zero, sharp, zero, jnp.zeros(8, bool))
+        signals = Signals(
+            zero, zero, jnp.ones(8, bool), zero, zero, zero, zero, sharp, zero, jnp.zeros(8, bool)
+        )
         speed, still = jnp.asarray(SPEED), jnp.zeros(())
         state, forces = meter.read(state, {}, signals, speed, jnp.zeros(2), still, jnp.asarray(STEP))
         stir.append(np.asarray(forces.stir))

@@ -105,7 +105,8 @@ class Wheels(eqx.Module):
         row = jnp.stack(slopes, axis=1)
         measured = touch.along[:, None]
         turned = _SLIP_ASIDE * aside.angle
-        slips = jnp.sqrt(touch.slip_std[:, None] ** 2 + touch.slip_shared**2 + turned**2)
+        own = jnp.hypot(touch.slip_std, touch.slip_noise)[:, None]
+        slips = jnp.sqrt(own**2 + touch.slip_shared**2 + turned**2)
         floor = touch.along_std[:, None] ** 2 + FORCE_ERROR[0] ** 2 + (FORCE_ERROR[1] * measured) ** 2
         noise = floor + (by_error * slips) ** 2
         # a curve is no line over the width of a slip that is hardly known, unless the tire surely slides;

@@ -14,6 +14,7 @@ from roadstate.core.channels import WHEELS
 from roadstate.core.constants import GRAVITY
 from roadstate.core.errors import InputError
 from roadstate.estimators.base import Sample
+from roadstate.estimators.blur import Blur
 from roadstate.estimators.quadratic import Quadratic
 from roadstate.estimators.signals import NEVER, signed_direction
 
@@ -36,6 +37,8 @@ _LEAST_MEMORY = 0.5  # share of that, at the least
 _LATE = (0.008, 0.008, 0.008, 0.0, -0.01, -0.01, -0.01, -0.01)
 STALE = 0.3
 """s without a sample after which a signal is no longer held."""
+# more than that, m/s², m/s², rad/s, rad, rad/s, no car does, however often it is told
+_LARGEST = (50.0, 50.0, 4.0, 1.5, 500.0, 500.0, 500.0, 500.0)
 _LARGEST_JUMP = (8.0, 8.0, 0.6, 0.2, 25.0, 25.0, 25.0, 25.0)  # in _JUMP_TIME; more is a spike
 _JUMP_TIME = 0.1  # s
 _SPIN_UP = (6.0, 1000.0)  # rad/s, and rad/s²: what noise, and brakes or drive, change a wheel's speed by
@@ -73,6 +76,7 @@ class SignalState(NamedTuple):
         repeats: (8,) equal samples in a row.
         low, high: (8,) range, since the last change of a signal, of what tells the same.
         smooth: (8,) low-passed values.
+        blur: what that makes of them.
         fit: and what they are now.
         gear: latest gear ratio.
         other: speed that wheels do not tell, smoothed, m/s; huge before any came.
@@ -86,6 +90,7 @@ class SignalState(NamedTuple):
     low: Float[Array, " 8"]
     high: Float[Array, " 8"]
     smooth: Float[Array, " 8"]
+    blur: Blur
     fit: Quadratic
     gear: Float[Array, ""]
     other: Float[Array, ""]
@@ -102,6 +107,8 @@ class Signals(NamedTuple):
         is_fresh: (8,) whether a believed sample came just now.
         smooth: (8,) low-passed.
         rate: (8,) derivative of ``smooth``.
+        lag: (8,) s by which ``smooth`` is late.
+        noise: (8,) variance that it has of a sample's independent error of variance 1.
         now, now_rate: (8,) the same two without the low pass's lag, noisier.
         is_faulty: (8,) a sensor that is stuck, or whose samples are refused.
     """
@@ -111,6 +118,8 @@ class Signals(NamedTuple):
     is_fresh: Bool[Array, " 8"]
     smooth: Float[Array, " 8"]
     rate: Float[Array, " 8"]
+    lag: Float[Array, " 8"]
+    noise: Float[Array, " 8"]
     now: Float[Array, " 8"]
     now_rate: Float[Array, " 8"]
     is_faulty: Bool[Array, " 8"]
@@ -119,7 +128,8 @@ class Signals(NamedTuple):
 class Intake(eqx.Module):
     """Takes samples of whatever inertial, steering and wheel signals there are.
 
-    A sample that lies too far from the last one to be true is refused, until several in a row say the same.
+    A sample that lies too far from the last one to be true is refused, until several in a row say the same;
+    one that no car could make, always.
     Wheels that tell forward for backward are put right: no wheel turns round at speed from one sample to the
     next, nor otherwise than the others do, nor does a car begin with driving backward fast. A
     signal that repeats itself to the last bit while its kin change (an accelerometer while the wheels'
@@ -175,6 +185,7 @@ class Intake(eqx.Module):
             none,
             none,
             none,
+            Blur.start(8),
             Quadratic.start(8),
             none[0],
             none[0] + NEVER,
@@ -202,7 +213,9 @@ class Intake(eqx.Module):
         other = jnp.where(
             heard, jnp.where(silent, speed_signal, state.other + _OTHER[0] * change), state.other
         )
-        seen = jnp.isfinite(raw)
+        told = jnp.isfinite(raw)
+        seen = told & (jnp.abs(raw * self._scale) <= jnp.asarray(_LARGEST))
+        raw = jnp.where(seen, raw, jnp.nan)
         sense = self._sense(state, raw[SPIN], speed, gear)
         direction = signed_direction(gear)
         turned = jnp.where(sense < 0, -1.0, jnp.where(raw[SPIN] < 0, 1.0, direction))
@@ -228,20 +241,25 @@ class Intake(eqx.Module):
         first = state.age >= NEVER
         lag = jnp.where(first, 1.0, -jnp.expm1(-dt / SMOOTHING))
         smooth = state.smooth + lag * (value - state.smooth)
+        blur = state.blur.take(lag, age, STALE, dt)
         fit = state.fit.take(value, first, self.memory, dt)
         now, now_rate = fit.ahead(jnp.asarray(_LATE))
         refused = jnp.where(refuse, state.refused + 1, jnp.where(taken, 0.0, state.refused))
-        told = Signals(
+        signals = Signals(
             value=value,
             age=jnp.where(stuck, jnp.maximum(age, 2 * STALE), age),
             is_fresh=taken & (~stuck),
             smooth=smooth,
             rate=jnp.where(first, 0.0, (smooth - state.smooth) / jnp.maximum(dt, _LEAST_STEP)),
+            lag=blur.lag,
+            noise=blur.noise,
             now=now,
             now_rate=now_rate,
-            is_faulty=stuck | (refused > 0),
+            is_faulty=stuck | (refused > 0) | (told & ~seen),
         )
-        return SignalState(value, age, refused, repeats, low, high, smooth, fit, gear, other, sense), told
+        return SignalState(
+            value, age, refused, repeats, low, high, smooth, blur, fit, gear, other, sense
+        ), signals
 
     def _sense(
         self, state: SignalState, raw: Float[Array, " 4"], speed: Float[Array, ""], gear: Float[Array, ""]

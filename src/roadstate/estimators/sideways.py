@@ -64,6 +64,7 @@ class Touch(NamedTuple):
         across, along: (2,) and (4,) F_y/F_z of the axles and F_x/F_z of the wheels, low-passed.
         slip: (4,) practical slip of the wheels.
         slip_std: (4,) 1σ of it that comes and goes within tenths of a second.
+        slip_noise: (4,) 1σ of white noise in it, beyond what samples at 100 Hz leave.
         slip_shared: 1σ of what speed's error adds to all, and lasts.
         across_std, along_std: 1σ of the forces over load beyond the model's own; infinite where unknown.
         transfer: (2,) squared share of its load that a wheel of the axle gains or loses to the other.
@@ -80,6 +81,7 @@ class Touch(NamedTuple):
     along: Float[Array, " 4"]
     slip: Float[Array, " 4"]
     slip_std: Float[Array, " 4"]
+    slip_noise: Float[Array, " 4"]
     slip_shared: Float[Array, ""]
     across_std: Float[Array, " 2"]
     along_std: Float[Array, " 4"]

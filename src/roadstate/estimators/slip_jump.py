@@ -40,6 +40,7 @@ _WIDER = 20.0  # nats per s by which a bump explains a jump worse than the road 
 _SHAKES = 0.05  # slip that bumps make: more of it is less likely one's
 _NOISE = (4e-4, 0.011)  # 1σ of a slip's jump: by itself, and m/s over the speed
 _SWIFT = 0.8  # share of what a slip is uncertain by as it changes: a bump's does, for as long as it lasts
+_WHITE = 1.5  # of the variance of white noise in a slip, what a jump has: the others' is in it, too
 _FORCE = (0.25, 0.05)  # and shares of the slip that the force's change and the force itself make
 _COUNTS = 2.25  # σ from which on a jump counts: errors have longer tails than a Gaussian
 _LASTS = 0.2  # s for which an error lasts
@@ -203,7 +204,7 @@ def _noise(touch: Touch) -> Float[Array, "4 1"]:
     """Variance of a slip's jump where neither force nor friction changes."""
     lasting = _NOISE[0] ** 2 + (_NOISE[1] / jnp.maximum(jnp.abs(touch.speed), SLOWEST)) ** 2
     swift = jnp.maximum(touch.slip_std**2 - SLIP_ERROR**2, 0.0)
-    return lasting + _SWIFT**2 * swift[:, None]
+    return lasting + (_SWIFT**2 * swift + _WHITE * touch.slip_noise**2)[:, None]
 
 
 def _beyond(away: Float[Array, "4 J"]) -> Float[Array, "4 J"]:

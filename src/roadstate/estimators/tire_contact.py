@@ -13,6 +13,7 @@ from roadstate.estimators.axle_forces import AxleForces, by_axle, steered_cosine
 from roadstate.estimators.base import leaf
 from roadstate.estimators.intake import ACCEL_Y, SMOOTHING, SPIN, STALE, STEER, YAW_RATE, Signals
 from roadstate.estimators.sideways import SLIP_ERROR, Touch
+from roadstate.linalg import root
 
 if TYPE_CHECKING:
     from roadstate.vehicles import Vehicle
@@ -26,6 +27,9 @@ _RACING = (5.0, 1.8, 0.5)  # m/s² by which a wheel, and all, may outrun the car
 _TOGETHER = (0.03, 0.3, 1.5)  # share of the speed and m/s within which wheels agree, and s to believe them
 _DEAD_BAND = (0.7, 0.25, 0.1)  # m/s: a slower wheel may read down to zero, with this 1σ, for so long (s)
 _WHEEL_DELAY = 0.01  # s: age of a wheel's speed when it comes
+_SENSED = 0.005  # s by which a signal is older than when it comes
+_USUAL = 0.0997  # variance that the low pass leaves of samples at 100 Hz, which other figures include
+_TEETH = 0.2  # rad/s: 1σ of a wheel's sample by teeth out of place
 _TOOTH = (0.04, 0.12)  # m from tooth to tooth, one of which a speed is late besides, and s at the most
 _LATE_ERROR = 0.5  # 1σ of that lateness, as a share of it
 _YIELDS = 0.025  # s: lag of the force behind the angle that suspension and steering add to the tire's
@@ -40,7 +44,7 @@ class ContactState(NamedTuple):
         angle, across: (2,) the axles' slip angles but for v_y, and their F_y/F_z, both slowed.
         along, slip: (4,) F_x/F_z and slip of the wheels, slowed.
         racing: (4,) m/s² by which wheels outran the car lately.
-        together: s for which all wheels have agreed on a speed and its change.
+        together: s for which all wheels have agreed on a speed and its change, or on standing still.
     """
 
     angle: Float[Array, " 2"]
@@ -139,6 +143,9 @@ class TireContact(eqx.Module):
         agree = fastest - slowest < _TOGETHER[0] * jnp.abs(speed) + _TOGETHER[1]
         agree = agree & (jnp.max(jnp.where(told, outruns, 0.0)) == 0.0) & (jnp.sum(told) > 1)
         agree = agree & (jnp.minimum(jnp.abs(slowest), jnp.abs(fastest)) > _DEAD_BAND[0])
+        # wheels that are locked slow the car down: one that gains speed while none turns stands still
+        rests = jnp.maximum(jnp.abs(slowest), jnp.abs(fastest)) < _DEAD_BAND[0]
+        agree = agree | (rests & (jnp.sum(told) > 1) & (speed * accel > 0))
         together = jnp.where(agree, state.together + dt, 0.0)
         away = jnp.where(together > _TOGETHER[2], 0.0, away)
         lasting = (_SLIP_SHARE * slip * speed) ** 2 + (_RUNAWAY[1] * away) ** 2 + (_RACING[2] * racing) ** 2
@@ -182,19 +189,26 @@ class TireContact(eqx.Module):
         across = forces.across / axles
         now = steer - self.places * seen.smooth[YAW_RATE] / moving
         lag = self.relaxation / moving + _YIELDS
+        radius = self.radius * (1 + rolling[0])
+        late = seen.lag + _SENSED
+        noise = jnp.maximum(seen.noise[SPIN] - _USUAL, 0.0)
+        # one sample's error is the next's, turned round: of samples in a row the low pass leaves none
+        teeth = seen.noise[SPIN] * jnp.minimum(noise / _USUAL, 1.0)
+        noise = self.noise**2 * noise + (_TEETH * radius) ** 2 * teeth
         along = forces.along / load
         across_rate = (across - state.across) / SMOOTHING
         along_rate = (along - state.along) / SMOOTHING
         keep = -jnp.expm1(-dt / SMOOTHING)
         angle = state.angle - jnp.expm1(-dt / jnp.maximum(lag, 1e-3)) * (now - state.angle)
-        radius = self.radius * (1 + rolling[0])
         turn = steered_cosines(jnp.cos(seen.smooth[STEER]))
         # as late as the wheels' speeds are
-        late = speed - (SMOOTHING + _WHEEL_DELAY) * accel
-        ground = (late - self.half_track * seen.smooth[YAW_RATE]) / turn
+        ground = (
+            speed - (late[SPIN] + _WHEEL_DELAY) * accel - self.half_track * seen.smooth[YAW_RATE]
+        ) / turn
         ground = jnp.where(jnp.abs(ground) < 1.0, jnp.where(ground < 0, -1.0, 1.0), ground)
         slip = jnp.clip((radius * seen.smooth[SPIN] - ground) / jnp.abs(ground), -1.0, 10.0)
         slip_rate = (slip - state.slip) / SMOOTHING
+        slip_noise = root(noise) / jnp.abs(ground)
         stale = seen.age[SPIN] > STALE
         unknown = jnp.where(stale, jnp.inf, 0.0)
         steered = jnp.where(seen.age[STEER] < STALE, 0.0, jnp.asarray([jnp.inf, 0.0]))
@@ -210,11 +224,12 @@ class TireContact(eqx.Module):
             along=along,
             slip=jnp.where(stale, 0.0, slip),
             slip_std=jnp.hypot(SLIP_ERROR, _SLIP_LAG * slip_rate),
+            slip_noise=slip_noise,
             slip_shared=rolling[1],
             across_std=jnp.hypot(forces.across_std, _LAG_ERROR * across_rate) + steered,
             along_std=jnp.hypot(forces.along_std, _LAG_ERROR * along_rate) + unknown,
             transfer=transfer,
-            lag=lag + SMOOTHING,
+            lag=lag + late[YAW_RATE],
         )
         memory = state._replace(
             angle=angle,

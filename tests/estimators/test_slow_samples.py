@@ -1,0 +1,45 @@
+"""Logs with few samples a second, as buses and loggers thin them out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from roadstate.core import Log
+from roadstate.estimators import build
+from roadstate.run import scan
+from roadstate.vehicles import Vehicle
+
+_TEETH = 0.2  # rad/s: 1σ of a sample at 100 Hz, of teeth out of place
+
+
+def thinned(log: Log, every: int, seed: int) -> Log:
+    """Every so manieth sample of a log whose wheel speeds and pitch rate are noisy.
+
+    A speed is the way from tooth to tooth over the time: one that is out of place makes it too high, and
+    the next too low.
+    """
+    rng, channels = np.random.default_rng(seed), dict(log.channels)
+    for name in log.channels:
+        if name.startswith("wheel_speed"):
+            place = rng.normal(0, _TEETH / 2**0.5, len(log.time) + 1)
+            channels[name] = channels[name] + np.diff(place)
+    channels["pitch_rate"] = rng.normal(0, 0.005, len(log.time))
+    return Log(log.time[::every], {name: values[::every] for name, values in channels.items()})
+
+
+@pytest.mark.parametrize("every", [2, 4, 10])
+def test_noise_of_few_samples_is_no_slippery_road_and_no_fault(
+    vehicle: Vehicle, drive: Callable[..., Log], every: int
+) -> None:
+    """What a low pass leaves of noise passed for slips, or for a gyroscope that contradicts the motion."""
+    speed = 10 + 2 * np.sin(np.arange(0, 60, 0.01) / 5)
+    for seed in range(3):
+        log = thinned(drive(speed, np.full(len(speed), 0.06)), every, seed)
+        said = scan(build("joint", vehicle, log.available), log)
+        assert np.min(said.values["friction_peak"]) > 0.7 * vehicle.tires.friction, seed
+        assert not said.metadata["faults"], seed
+        error = said.values["grade"] - log["ref_grade"]
+        assert np.mean(np.abs(error) < 1.96 * said.std["grade"]) > 0.9, seed
