@@ -231,7 +231,8 @@ def test_an_hour_at_standstill(run: Run, turn: Turn) -> None:
     grade, spread = said.values["grade"], said.std["grade"]
     assert (np.abs(grade) < 3 * spread)[stands].all()
     assert np.ptp(grade[stands]) < 0.015
-    assert spread[-1] >= spread[stands][0] > 0.004
+    # what is left in the end is the bias that looks like a slope
+    assert spread[stands][0] >= spread[-1] > 0.006
     assert np.abs(said.values["accel_x_bias"][stands]).max() < 0.1
     low, high = said.values["friction_peak_lower"], said.values["friction_peak_upper"]
     assert (high - low)[stands].min() > 0.3

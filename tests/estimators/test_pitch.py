@@ -88,7 +88,8 @@ def test_one_that_contradicts_the_slope_is_not_believed_for_a_while(vehicle: Veh
     meter = PitchMeter(vehicle)
     state, _, usual = read(meter, meter.init(), 0.013)
     gap, sure = jnp.asarray(0.03), jnp.asarray(0.0082)
-    for _ in range(100):
+    for i in range(100):
+        state, _, _ = read(meter, state, 0.013 + 1e-6 * i)
         state = meter.judge(state, gap, sure, jnp.asarray(0.0081), SPEEDS, IN_TIME, jnp.asarray(DT))
     state, _, intensity = read(meter, state, 0.014)
     assert intensity > 20 * usual
@@ -96,6 +97,34 @@ def test_one_that_contradicts_the_slope_is_not_believed_for_a_while(vehicle: Veh
         state = meter.judge(state, jnp.zeros(()), sure, jnp.asarray(0.0081), SPEEDS, IN_TIME, jnp.asarray(DT))
         state, _, intensity = read(meter, state, 0.014 + 1e-6 * i)
     assert intensity == pytest.approx(usual)
+
+
+def test_what_the_filter_has_yet_to_find_after_a_gap_is_no_contradiction(vehicle: Vehicle) -> None:
+    meter = PitchMeter(vehicle)
+    state, _, _ = read(meter, meter.init(), 0.013)
+    gap, sure, part = jnp.asarray(0.03), jnp.asarray(0.0082), jnp.asarray(0.0081)
+    for i in range(100):
+        state, _, usual = read(meter, state, 0.013 + 1e-6 * i)
+        state = meter.judge(state, jnp.zeros(()), sure, part, SPEEDS, IN_TIME, jnp.asarray(DT))
+    sample = {"pitch_rate": jnp.asarray(0.014)}
+    zero = jnp.zeros(())
+    state, told = meter.read(state, sample, zero, zero, jnp.zeros(2), jnp.asarray(5.0))
+    assert float(told.rate) == 0
+    assert float(told.intensity) > 20 * usual
+    state = meter.judge(state, gap, sure, part, SPEEDS, IN_TIME, jnp.asarray(5.0))
+    for i in range(20):
+        state, _, intensity = read(meter, state, 0.013 + 1e-6 * i)
+        state = meter.judge(state, gap, sure, part, SPEEDS, IN_TIME, jnp.asarray(DT))
+        assert not bool(meter.is_faulty(state))
+        assert intensity == pytest.approx(usual)
+
+
+def test_samples_that_no_body_makes_are_never_believed(vehicle: Vehicle) -> None:
+    meter = PitchMeter(vehicle)
+    state, _, _ = read(meter, meter.init(), 0.013)
+    for _ in range(10):
+        state, told, _ = read(meter, state, -999.0)
+        assert told == pytest.approx(-0.013)
 
 
 def test_an_accelerometer_that_lags_is_not_held_against_the_gyroscope(vehicle: Vehicle) -> None:

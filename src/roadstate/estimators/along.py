@@ -220,7 +220,10 @@ class AlongModel(StateSpaceModel):
             blocks.append(u.pitching.intensity[None, None] * root(dt))
         if "altitude" in self.states:
             # roads' unevenness and a slope that is not the car's path keep the height from being frozen
-            height = 0.02 * root(jnp.abs(u.speed) * dt)
+            uneven = 0.02**2 * jnp.abs(u.speed) * dt
+            # and over a gap in the log, in which the speed is not known
+            strays = 0.5 * dt * u.intensity * self.road.stationary_std[0] / GRAVITY
+            height = root(uneven + strays**2 * dt)
             wander = self.wander[0] * root(-jnp.expm1(-2 * dt / self.wander[1]))
             blocks.append(jnp.diag(jnp.stack([height, wander])))
         return jnp.asarray(jsl.block_diag(*blocks))

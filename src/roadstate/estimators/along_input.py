@@ -35,6 +35,9 @@ if TYPE_CHECKING:
     from roadstate.vehicles import Vehicle
 
 _UNSEEN = 4.0  # m/s²/√Hz: of an acceleration that neither accelerometer nor torques tell
+# m/s² per s of a gap in the log, and m/s²: 1σ of how the car sped up between the samples on either side
+_BETWEEN = (0.5, 2.0)
+_HILLY = 0.08  # slope on which that changes the rate of climb
 _LEAST_STEP = 1e-3  # s
 _AGE = 0.1  # s by which a receiver's rate of climb may be late
 _JITTER = 0.02  # s: 1σ of what its speed is later or earlier than usual
@@ -142,6 +145,7 @@ class AlongIntake(eqx.Module):
         known = (forces.age < STALE) & (~forces.is_brake_unknown)
         accel = jnp.where(felt, raw, jnp.where(known, by_torque, x[SLOPE] + x[BIAS]))
         intensity = jnp.where(felt, self.accel_noise, jnp.where(known, forces.intensity, _UNSEEN))
+        between = jnp.clip(_BETWEEN[0] * (dt - STALE), 0.0, _BETWEEN[1]) * root(dt)
         turning = jnp.where(seen.age[YAW_RATE] < STALE, seen.smooth[YAW_RATE], 0.0)
         u = AlongInput(
             accel=accel + velocity_y * turning,
@@ -183,6 +187,7 @@ class AlongIntake(eqx.Module):
                     std = jnp.hypot(std, _JITTER * u.gaining)
                 if name == "vertical_speed":
                     std = jnp.hypot(std, _AGE * u.gaining * x[SLOPE] / GRAVITY)
+                    std = jnp.hypot(std, _HILLY * between * root(dt))
                 parts.append(jnp.where(jnp.isfinite(value), value, jnp.nan)[None])
                 stds.append(std[None])
         if "traction" in self.sensors:
@@ -192,6 +197,7 @@ class AlongIntake(eqx.Module):
             both = jnp.hypot(forces.intensity, self.accel_noise)
             stds.append((both / root(step))[None])
             u = u._replace(intensity=jnp.where(felt, self.white(state.unrest, forces)[0], u.intensity))
+        u = u._replace(intensity=jnp.hypot(u.intensity, between))
         if "attitude" in self.sensors:
             parts.append(jnp.where(jnp.isfinite(sample["pitch_rate"]), 0.0, jnp.nan)[None])
             stds.append(lean_std(state.pitch, dt)[None])

@@ -10,13 +10,14 @@ from jaxtyping import Array, Bool, Float
 
 from roadstate.estimators.base import Sample, leaf
 from roadstate.estimators.intake import STALE
-from roadstate.estimators.signals import Held
+from roadstate.estimators.signals import NEVER, Held
 from roadstate.linalg import root
 
 if TYPE_CHECKING:
     from roadstate.vehicles import Vehicle
 
 _STUCK = 40  # equal samples in a row after which the gyroscope counts as missing
+_LARGEST = 4.0  # rad/s that a body pitches by at most
 _LARGEST_JUMP = 0.3  # rad/s between samples; more is a spike
 _PATIENCE = 4  # samples in a row that a jump must last to be believed
 _UNSEEN = 0.05  # rad/s/√Hz: of a pitch rate that nothing tells
@@ -25,7 +26,9 @@ _ROLL_TIME = 1.0  # s
 _ODD_TIME = 0.5  # s: low pass of how far attitude and slope are apart
 _ODD = 0.006  # rad: so far apart they are only when the gyroscope fails
 _SURE = 4.0  # 1σ of what is expected to part them, that many times
-_PULL = 0.4  # the same of the speeds' innovations over their 1σ, when the gyroscope pulls the slope away
+# the same of the speeds' innovations over their 1σ, when the gyroscope pulls the slope away: at the least,
+# and over what the low pass leaves of a noise that all speeds have in common
+_PULL = (0.4, 4.0)
 _MOST = (0.1, 3.0)  # rad, and 1σ of speeds, that one sample may count for
 _DISTRUST = 20.0  # s for which a gyroscope that failed is not believed
 _LEAN_ERROR = 0.0015  # rad: 1σ of the body's pitch against slope and force: it swings, and roads are uneven
@@ -33,6 +36,7 @@ _LEAN_TIME = 0.15  # s: how long that lasts
 _STEADY_TIME = 0.5  # s: low pass of the rate, besides which a body swings
 _SWING_TIME = 0.15  # s over which that adds up to an angle
 _UNREST_TIME = 2.0  # s over which that is averaged
+_USUAL_STEP = 0.01  # s: samples that come faster are no noisier, together
 _LEAST_STEP = 1e-3  # s
 
 
@@ -43,18 +47,20 @@ class PitchState(NamedTuple):
         rate: latest sample believed, rad/s, and its age.
         refused: samples refused in a row.
         repeats: equal samples in a row.
+        every: s from sample to sample.
         apart: low-passed difference of attitude and slope, rad.
         pull: low-passed innovation of the speeds over its 1σ.
         distrust: s for which the gyroscope is still not believed.
         steady: low-passed rate, rad/s.
         swing: angle by which the body swings besides, rad.
         unrest: its mean square, rad².
-        heard: s of samples so far.
+        heard: s of samples since the first, or since the last gap.
     """
 
     rate: Held
     refused: Float[Array, ""]
     repeats: Float[Array, ""]
+    every: Float[Array, ""]
     apart: Float[Array, ""]
     pull: Float[Array, ""]
     distrust: Float[Array, ""]
@@ -82,18 +88,18 @@ class PitchMeter(eqx.Module):
     φ is the body's roll, by the road's bank and the vehicle file's roll gradient.
     """
 
-    _density: Float[Array, ""]
+    _noise: Float[Array, ""]
     _roll_gradient: Float[Array, ""]
 
     def __init__(self, vehicle: Vehicle) -> None:
-        # the axes of one sensor are alike: the file knows the yaw rate's; its noise is a sample's at 100 Hz
-        self._density = leaf(vehicle.sensors.yaw_rate.noise * 0.1)
+        # the axes of one sensor are alike: the file knows the yaw rate's
+        self._noise = leaf(vehicle.sensors.yaw_rate.noise)
         self._roll_gradient = leaf(vehicle.body.roll_gradient)
 
     def init(self) -> PitchState:
         """Nothing has come yet."""
         zero = jnp.zeros(())
-        return PitchState(Held.empty(), *[zero] * 9)
+        return PitchState(Held.empty(), *[zero] * 10)
 
     def read(
         self,
@@ -115,30 +121,37 @@ class PitchMeter(eqx.Module):
             dt: s.
         """
         raw, before = sample["pitch_rate"], state.rate
-        seen = jnp.isfinite(raw)
+        seen = jnp.isfinite(raw) & (jnp.abs(raw) < _LARGEST)
         jump = seen & (jnp.abs(raw - before.value) > _LARGEST_JUMP) & (before.age < STALE)
         refuse = jump & (state.refused < _PATIENCE)
         refused = jnp.where(refuse, state.refused + 1, jnp.where(seen, 0.0, state.refused))
-        rate = before.take(jnp.where(refuse, jnp.nan, raw), dt)
+        rate = before.take(jnp.where(seen & ~refuse, raw, jnp.nan), dt)
         same = seen & (raw == before.value)
         repeats = jnp.where(same, state.repeats + 1, jnp.where(seen, 0.0, state.repeats))
-        known = (rate.age < STALE) & (repeats < _STUCK) & (state.distrust <= 0)
+        since = jnp.where(before.age < STALE, before.age + dt, 0.0)
+        every = jnp.where(rate.age > 0, state.every, jnp.maximum(since, _USUAL_STEP))
+        # a sample after a gap does not tell how the body turned meanwhile
+        meanwhile = (before.age + dt < STALE) | (before.age >= NEVER)
+        known = (rate.age < STALE) & meanwhile & (repeats < _STUCK) & (state.distrust <= 0)
         between = 0.5 * (rate.value + jnp.where(before.age < STALE, before.value, rate.value))
         roll = jnp.clip(bank[0] + self._roll_gradient * across, -0.5, 0.5)
         nose_up = (turning * jnp.sin(roll) - between) / jnp.cos(roll)
         unsure = jnp.abs(turning) * jnp.hypot(bank[1], _ROLL_ERROR) * (2 * _ROLL_TIME) ** 0.5
         told = Pitching(
             rate=jnp.where(known, nose_up, 0.0),
-            intensity=jnp.where(known, jnp.hypot(self._density, unsure), _UNSEEN),
+            intensity=jnp.where(known, jnp.hypot(self._noise * root(every), unsure), _UNSEEN),
         )
-        heard = state.heard + jnp.where(seen, dt, 0.0)
+        lately = jnp.where(meanwhile, state.heard, 0.0)
+        heard = jnp.where(meanwhile, lately + jnp.where(seen, dt, 0.0), 0.0)
         step = jnp.maximum(dt, _LEAST_STEP)
-        share = step / (jnp.minimum(state.heard, _STEADY_TIME) + step)
+        share = step / (jnp.minimum(lately, _STEADY_TIME) + step)
         steady = state.steady + share * (rate.value - state.steady)
-        swing = state.swing * jnp.exp(-dt / _SWING_TIME) + dt * (rate.value - steady)
-        share = step / (jnp.minimum(state.heard, _UNREST_TIME) + step)
+        swing = state.swing * jnp.exp(-dt / _SWING_TIME) + jnp.minimum(dt, _SWING_TIME) * (
+            rate.value - steady
+        )
+        share = step / (jnp.minimum(lately, _UNREST_TIME) + step)
         unrest = state.unrest + share * (swing**2 - state.unrest)
-        new = state._replace(rate=rate, refused=refused, repeats=repeats)
+        new = state._replace(rate=rate, refused=refused, repeats=repeats, every=every)
         return new._replace(steady=steady, swing=swing, unrest=unrest, heard=heard), told
 
     def is_faulty(self, state: PitchState) -> Bool[Array, ""]:
@@ -176,11 +189,15 @@ class PitchMeter(eqx.Module):
         count = jnp.sum(heard)
         mean = jnp.sum(jnp.where(heard, speeds[0], 0.0) / speeds[1]) / jnp.maximum(count, 1)
         mean = jnp.clip(mean, -_MOST[1], _MOST[1])
-        told = state.pull - jnp.where(count > 0, jnp.expm1(-dt / _ODD_TIME), 0.0) * (mean - state.pull)
-        odd = (jnp.abs(apart) > jnp.maximum(_ODD, _SURE * expected)) | (jnp.abs(told) > _PULL)
-        odd = odd & ~is_late
+        share = -jnp.expm1(-dt / _ODD_TIME)
+        told = state.pull + jnp.where(count > 0, share, 0.0) * (mean - state.pull)
+        pulls = jnp.abs(told) > jnp.maximum(_PULL[0], _PULL[1] * root(share / (2 - share)))
+        odd = (jnp.abs(apart) > jnp.maximum(_ODD, _SURE * expected)) | pulls
+        # the filter first finds the attitude
+        begins = state.heard < _ODD_TIME
+        odd = odd & ~is_late & ~begins
         distrust = jnp.where(odd, _DISTRUST, jnp.maximum(state.distrust - dt, 0.0))
-        begin = jnp.where(odd, 0.0, 1.0)
+        begin = jnp.where(odd | begins, 0.0, 1.0)
         return state._replace(apart=begin * apart, pull=begin * told, distrust=distrust)
 
 
