@@ -37,7 +37,7 @@ def given(speed: Numbers, accel: Numbers, slip: Numbers) -> AlongInput:
     zero = jnp.zeros(())
     return AlongInput(
         accel=zero + accel, gaining=zero + accel, lean=zero + accel, lasting=zero + accel, drive=zero,
-        brake=zero, rolling=zero,
+        brake=zero, rolling=zero, lever=zero,
         speed=zero + speed, intensity=zero + 0.02, smooth_across=zero, turning=zero,
         pitching=Pitching(zero, zero), slip=jnp.full(4, slip), sensor_std=jnp.full(4, NOISE),
     )  # fmt: skip

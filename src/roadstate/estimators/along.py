@@ -47,6 +47,7 @@ class AlongInput(NamedTuple):
             multiply all that a rough road shakes the accelerometer by, it would pass for their effect.
         drive, brake: specific forces of drive and brakes as torques tell them, low-passed, m/s².
         rolling: g with the sign of the speed: what the coefficient of rolling resistance multiplies, m/s².
+        lever: what each N·m of the engine makes, in the gear in mesh, m/s²/(N·m).
         speed: so far, m/s.
         intensity: of the acceleration's white error, m/s²/√Hz.
         smooth_across: low-passed specific force across, freed of roll, m/s².
@@ -63,6 +64,7 @@ class AlongInput(NamedTuple):
     drive: Float[Array, ""]
     brake: Float[Array, ""]
     rolling: Float[Array, ""]
+    lever: Float[Array, ""]
     speed: Float[Array, ""]
     intensity: Float[Array, ""]
     smooth_across: Float[Array, ""]
@@ -75,20 +77,22 @@ class AlongInput(NamedTuple):
 class AlongModel(StateSpaceModel):
     """Speed, slope, and the errors of sensors and car, as far as the channels tell of them; affine in x.
 
-    x = [v_x, g sin θ, its rate of distance, b, κ | ψ_m | δk, b_q, δk_φ, φ_m | ε_σ | ε_m, γ_d, γ_b, δf |
+    x = [v_x, g sin θ, its rate of distance, b, κ | ψ_m | δk, b_q, δk_φ, φ_m | ε_σ | ε_m, γ_d, γ_b, δf, δT |
     ε_R, δτ | Θ | z, z_wander], with v̇_x = a_x − b − κ ā_x − ψ_m ā_y − g sin θ + v_y r: bias, scale and
     mounting yaw of the accelerometer (the last with a lateral one); with a pitch rate the errors of the
     pitch gradient k, of the gyroscope, of the roll gradient and the mounting roll, and the body's nose-up
     attitude Θ̇ = Θ̇_told + b_q + r (δk_φ ā_y + φ_m); with wheels how much more all of them slip than
     their forces say; with torques the relative errors of mass, drive and brakes and δf, that of the
-    rolling resistance and of what the torques' sensors tell where there is none; that of the rolling radius,
-    and by how much it is later than usual, with a speed that is not the wheels'; height with an altitude.
+    rolling resistance and of what wheels' torques tell where there is none, which of an engine's is δT; that
+    of the rolling radius, and by how much it is later than usual, with a speed that is not the wheels';
+    height with an altitude.
 
     Sensors: the wheels' speeds (freed of yaw and of the slip σ_i that their forces make: v_x + v σ_i ε_σ),
     the speed signal, late by a time τ of its own: v_x − τ v̇; altitude, rate of climb;
     ``traction``: how much more the accelerometer reads than the torques explain, b + κ ā_x + ψ_m ā_y +
-    (γ_d − ε_m) a_d − (γ_b − ε_m) a_b − δf g; ``attitude``: how much more the body pitches than by the slope
-    and its lean, 0 = Θ − θ − k ℓ − δk ā_x, ℓ the lean in terms of a lasting force, ā_x what lasts.
+    (γ_d − ε_m) a_d − (γ_b − ε_m) a_b − δf g + δT ∂a_d/∂T; ``attitude``: how much more the body pitches
+    than by the slope and its lean, 0 = Θ − θ − k ℓ − δk ā_x, ℓ the lean in terms of a lasting force, ā_x
+    what lasts.
 
     Attributes:
         road: how g sin θ changes along the road.
@@ -129,8 +133,10 @@ class AlongModel(StateSpaceModel):
             slow["mass"] = (prior.mass_relative, _LASTING)
             slow["drive_gain"] = (torque.relative, _LASTING)
             slow["brake_gain"] = (torque.relative if measured else BRAKE_RELATIVE, _BRAKE_LASTING)
-            zero = _torque_zero(vehicle, torque.bias, at_wheels=at_wheels)
+            zero = _as_resistance(vehicle, torque.bias) if at_wheels else 0.0
             slow["resistance"] = (float(np.hypot(prior.rolling_resistance_std, zero)), _LASTING)
+            if not at_wheels:  # low gears multiply what an engine's torque is off by
+                slow["torque_zero"] = (torque.bias, _LASTING)
         if wheels and "speed" in available:
             slow["wheel_radius"] = (sensors.wheel_speed.scale, _LASTING)
         if "speed" in available:
@@ -184,6 +190,8 @@ class AlongModel(StateSpaceModel):
             elif sensor == "traction":
                 mass, drive, brake, resistance = (x[self.place("mass") + i] for i in range(4))
                 gains = (drive - mass) * u.drive - (brake - mass) * u.brake - resistance * u.rolling
+                if "torque_zero" in self.states:
+                    gains += x[self.place("torque_zero")] * u.lever
                 rows.append(self.accel_error(x, u) + gains)
             elif sensor == "attitude":
                 leans = self.lean_gradient * u.lean + x[self.place("lean_gradient")] * u.lasting
@@ -260,13 +268,10 @@ class AlongModel(StateSpaceModel):
         return Gaussian(jnp.zeros(len(self.states)), jnp.asarray(jsl.block_diag(*blocks)))
 
 
-def _torque_zero(vehicle: Vehicle, bias: float, *, at_wheels: bool) -> float:
-    """Which coefficient of rolling resistance does as much as 1σ of the constant error of each sensor; an
-    engine's works through a gear in the middle."""
-    driveline = vehicle.driveline
-    ratios = np.array(driveline.gear_ratios or [1.0]) * driveline.final_drive
-    gain = (4 if driveline.driven == "all" else 2) ** 0.5 if at_wheels else np.exp(np.mean(np.log(ratios)))
-    return float(gain * bias / (vehicle.wheels.radius * vehicle.mass * GRAVITY))
+def _as_resistance(vehicle: Vehicle, bias: float) -> float:
+    """Which coefficient of rolling resistance does as much as 1σ of each driven wheel's constant error."""
+    driven = 4 if vehicle.driveline.driven == "all" else 2
+    return float(driven**0.5 * bias / (vehicle.wheels.radius * vehicle.mass * GRAVITY))
 
 
 def _slow_factor(std: dict[str, float]) -> NDArray[np.float64]:

@@ -155,6 +155,7 @@ class AlongIntake(eqx.Module):
             drive=forces.drive,
             brake=forces.brake,
             rolling=forces.rolling,
+            lever=forces.lever,
             speed=speed,
             intensity=intensity,
             smooth_across=forces.accel[1],

@@ -43,7 +43,7 @@ class AxleForces(NamedTuple):
         lean: of the body, as late as ``accel``.
         yaw_accel: rad/s², low-passed.
         explained: what torques and air resistance make of the first, m/s².
-        drive, brake, rolling: m/s², as :class:`~roadstate.estimators.along.AlongInput`.
+        drive, brake, rolling, lever: as :class:`~roadstate.estimators.along.AlongInput`.
         intensity: of the error of ``explained``, m/s²/√Hz.
         gust: what wind has in it, m/s²/√Hz: no error of what torques tell of the wheels.
         age: s since the torque came; huge where there is none.
@@ -66,6 +66,7 @@ class AxleForces(NamedTuple):
     drive: Float[Array, ""]
     brake: Float[Array, ""]
     rolling: Float[Array, ""]
+    lever: Float[Array, ""]
     intensity: Float[Array, ""]
     gust: Float[Array, ""]
     age: Float[Array, ""]

@@ -178,7 +178,7 @@ class ForceMeter(eqx.Module):
         load = self.car.wheel_loads(zero, zero)
         return AxleForces(
             four, two, load, four, four, now, still, four + jnp.inf, two + jnp.inf, two,
-            Lean.upright(), zero, zero, zero, zero, zero, zero + 1.0, zero, zero + NEVER, no, no,
+            Lean.upright(), zero, zero, zero, zero, zero, zero, zero + 1.0, zero, zero + NEVER, no, no,
         )  # fmt: skip
 
     def read(
@@ -279,6 +279,7 @@ class ForceMeter(eqx.Module):
             drive=jnp.sum(torque[:4]) / (radius * mass),
             brake=jnp.sum(torque[4:]) / (radius * mass),
             rolling=GRAVITY * direction,
+            lever=drive.lever / mass,
             intensity=self._intensity(drive, may_brake, jump, speed, gust, accel, scene.sine),
             gust=gust,
             age=drive.age,
@@ -328,7 +329,7 @@ class ForceMeter(eqx.Module):
             return self._traction.read(state, sample, speed, dt)
         zero, four, no = jnp.zeros(()), jnp.zeros(4), jnp.zeros((), bool)
         mass = self.car.mass + jnp.sum(self.car.wheel_inertia) / self.car.wheel_radius[0] ** 2
-        return None, Traction(zero, zero, zero, zero, mass, zero + NEVER, no, no, no, four, four)
+        return None, Traction(zero, zero, zero, zero, zero, mass, zero + NEVER, no, no, no, four, four)
 
     def _across(
         self, along: Array, accel_y: Array, yaw_accel: Array, cosine: Array, sine: Array

@@ -119,20 +119,22 @@ def _along(joint: Joint, state: JointState, scale: Array) -> tuple[Array, Array]
     mass = joint.forces.car.mass
     if "mass" not in names:
         return measured, mass * std[BIAS] * jnp.ones(2) / 2
-    figures = jnp.asarray([names.index(s) for s in ("drive_gain", "brake_gain", "resistance")])
-    parts = jnp.stack([forces.drive, -forces.brake, -forces.rolling])
+    parts = {"drive_gain": forces.drive, "brake_gain": -forces.brake, "resistance": -forces.rolling}
+    if "torque_zero" in names:
+        parts["torque_zero"] = forces.lever
+    figures, known = jnp.asarray([names.index(s) for s in parts]), jnp.stack(list(parts.values()))
     noise = joint.inputs.white(state.unrest, forces) / (2 * SMOOTHING) ** 0.5
     aside = std[names.index("mounting_yaw")] * forces.accel[1] if "mounting_yaw" in names else 0.0
     # what changes fast is told badly, more so by torques, which come late
     gained = jnp.stack([jnp.sum(measured - by_axle(forces.along)), jnp.sum(told - by_axle(forces.told))])
     swift = jnp.asarray(_SWIFT, gained.dtype) * (gained / mass) ** 2
     fitted = _FITTED * 2 * SMOOTHING / joint.signals.memory[ACCEL_X]
-    lasting = jnp.stack([std[BIAS] ** 2 + aside**2, jnp.sum((std[figures] * parts) ** 2)])
+    lasting = jnp.stack([std[BIAS] ** 2 + aside**2, jnp.sum((std[figures] * known) ** 2)])
     by_accel = fitted * noise[0] ** 2 + noise[2] ** 2 + lasting[0] + swift[0]
     by_torque = noise[1] ** 2 + swift[1] + lasting[1]
     size = jnp.abs(told) + _LEAST_FORCE
     part = size / jnp.sum(size)
-    told = (told + mass * jnp.sum(mean[figures] * parts) * part) / scale
+    told = (told + mass * jnp.sum(mean[figures] * known) * part) / scale
     # a torque that is silent or lies has no say
     share = jnp.where(forces.age < STALE, by_torque / (by_torque + by_accel), 1.0)
     weights = jnp.stack([share, 1 - share])

@@ -41,6 +41,7 @@ class Traction(NamedTuple):
     Attributes:
         force: N along x, brakes included as far as they are known.
         drive_force: N, the drive's part.
+        lever: N of that per N·m that the torque signal tells too little.
         torque_std: N, 1σ of the torque signal's noise.
         brake_std: N, 1σ of the brakes' part, which keeps as long as the brakes act.
         inertia: kg, mass of the car with its rotating parts.
@@ -54,6 +55,7 @@ class Traction(NamedTuple):
 
     force: Float[Array, ""]
     drive_force: Float[Array, ""]
+    lever: Float[Array, ""]
     torque_std: Float[Array, ""]
     brake_std: Float[Array, ""]
     inertia: Float[Array, ""]
@@ -247,6 +249,7 @@ class TractionMeter(eqx.Module):
         traction = Traction(
             force=drive - brake * jnp.sign(speed),
             drive_force=drive,
+            lever=lever,
             torque_std=jnp.abs(self._torque_noise * lever),
             brake_std=_BRAKE_RELATIVE * brake,
             inertia=inertia,

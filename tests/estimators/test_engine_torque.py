@@ -1,0 +1,57 @@
+"""An engine's torque that is told too high or too low by the same in every gear."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from roadstate.core import Log
+from roadstate.core.channels import WHEELS
+from roadstate.estimators import build
+from roadstate.estimators.along import AlongModel
+from roadstate.run import scan
+from roadstate.vehicles import Vehicle
+
+DT = 0.01
+GRADE = 0.02
+GEARS = (0, 5, 2, 3, 1, 4)
+
+
+@pytest.mark.parametrize("told", [-6.0, 6.0])
+def test_a_torque_that_is_off_is_told_from_a_slope_by_the_gears(
+    vehicle: Vehicle, drive: Callable[..., Log], told: float
+) -> None:
+    """Low gears multiply it, which neither a slope nor rolling resistance does."""
+    gain = np.tile(np.repeat([0.6, 0.0, -0.4, -0.2], 400), 6)
+    gear = np.array(vehicle.driveline.gear_ratios)[np.repeat(GEARS, 1600)]
+    speed = 12 + np.cumsum(gain) * DT
+    log = drive(speed, np.full(len(speed), GRADE))
+    line, radius = vehicle.driveline, vehicle.wheels.radius
+    at_wheels = sum(log[f"drive_torque_{w}"] for w in WHEELS[:2]) - sum(
+        log[f"brake_torque_{w}"] for w in WHEELS
+    )
+    ratio = gear * line.final_drive
+    at_wheels = at_wheels + line.engine_inertia * ratio**2 * gain / radius
+    engine = at_wheels / ratio / np.where(at_wheels > 0, line.efficiency, 1 / line.efficiency)
+    rng = np.random.default_rng(2)
+    seen = {c: v for c, v in log.channels.items() if "torque" not in c}
+    seen["accel_x"] = seen["accel_x"] + 0.03 * rng.standard_normal(len(speed))
+    seen |= {"engine_torque": engine + told, "gear_ratio": gear}
+    log = Log(log.time, seen)
+    found = scan(build("joint", vehicle, log.available), log)
+    error, std = found.values["grade"] - GRADE, found.std["grade"]
+    late = log.time > 48
+    assert np.mean((np.abs(error) < 2 * std)[log.time > 1]) > 0.95
+    assert np.sqrt(np.mean(error[late] ** 2)) < 0.002
+
+
+def test_only_an_engine_has_gears_that_multiply_it(vehicle: Vehicle) -> None:
+    wheels = ("accel_x", "wheel_speed_rl", *(f"drive_torque_{w}" for w in WHEELS))
+    assert "torque_zero" not in AlongModel(vehicle, wheels, has_torque=True).states
+    engine = AlongModel(vehicle, ("accel_x", "wheel_speed_rl", "engine_torque"), has_torque=True)
+    place = engine.place("torque_zero")
+    assert engine.prior().std[place] == pytest.approx(vehicle.sensors.engine_torque.bias)
+    assert jnp.count_nonzero(engine.slow_factor[place - 3]) == 1
