@@ -33,7 +33,7 @@ def balance(
     value = zero.at[ACCEL_X].set(accel).at[SPIN].set(SPEED / vehicle.wheels.radius)
     rate = zero.at[SPIN].set(jnp.asarray(spin_rate) / vehicle.wheels.radius)
     signals = Signals(
-        value, zero, jnp.ones(8, bool), value, rate, zero, zero, value, rate, jnp.zeros(8, bool)
+        value, zero, jnp.ones(8, bool), value, rate, zero, zero, value, rate, jnp.zeros(2), jnp.zeros(8, bool)
     )
     sample = {c: jnp.asarray(torque if c[-2] == "f" else 0.0) for c in meter.channels}
     leaning = Lean(jnp.asarray(accel), jnp.zeros(()), jnp.asarray(accel))
@@ -99,7 +99,17 @@ def leans(vehicle: Vehicle, kinds: tuple[str, ...], lasting: float = 0.0) -> np.
         value = jnp.zeros(8).at[ACCEL_X].set(accel).at[SPIN].set(SPEED / vehicle.wheels.radius)
         zero = jnp.zeros(8)
         signals = Signals(
-            value, zero, jnp.ones(8, bool), value, zero, zero, zero, value, zero, jnp.zeros(8, bool)
+            value,
+            zero,
+            jnp.ones(8, bool),
+            value,
+            zero,
+            zero,
+            zero,
+            value,
+            zero,
+            jnp.zeros(2),
+            jnp.zeros(8, bool),
         )
         speed, still = jnp.asarray(SPEED), jnp.zeros(())
         state, forces = meter.read(state, sample, signals, speed, jnp.zeros(2), still, jnp.asarray(STEP))
@@ -133,7 +143,7 @@ def test_noise_of_torques_is_no_force_and_a_jump_of_them_is_one_at_once(vehicle:
     value = jnp.zeros(8).at[SPIN].set(SPEED / vehicle.wheels.radius)
     zero = jnp.zeros(8)
     signals = Signals(
-        value, zero, jnp.ones(8, bool), value, zero, zero, zero, value, zero, jnp.zeros(8, bool)
+        value, zero, jnp.ones(8, bool), value, zero, zero, zero, value, zero, jnp.zeros(2), jnp.zeros(8, bool)
     )
 
     def step(state: ForceMeterState, pair: Array) -> tuple[ForceMeterState, Array]:
@@ -156,7 +166,17 @@ def test_what_stirs_up_an_axle_is_remembered_for_a_moment(vehicle: Vehicle) -> N
     for now in (0.0, -2.0, *[0.0] * 15):
         sharp = zero.at[ACCEL_X].set(now)
         signals = Signals(
-            zero, zero, jnp.ones(8, bool), zero, zero, zero, zero, sharp, zero, jnp.zeros(8, bool)
+            zero,
+            zero,
+            jnp.ones(8, bool),
+            zero,
+            zero,
+            zero,
+            zero,
+            sharp,
+            zero,
+            jnp.zeros(2),
+            jnp.zeros(8, bool),
         )
         speed, still = jnp.asarray(SPEED), jnp.zeros(())
         state, forces = meter.read(state, {}, signals, speed, jnp.zeros(2), still, jnp.asarray(STEP))

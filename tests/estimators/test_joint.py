@@ -168,6 +168,7 @@ def test_wheels_under_drive_slip_as_much_as_they_do(vehicle: Vehicle, bigger: fl
         noise=zero,
         now=zero,
         now_rate=zero,
+        shaken=jnp.zeros(2),
         is_faulty=jnp.zeros(8, bool),
     )
     forces = meter.nothing()
@@ -196,6 +197,7 @@ class TestRims:
             noise=zero,
             now=zero,
             now_rate=zero,
+            shaken=jnp.zeros(2),
             is_faulty=jnp.zeros(8, bool),
         )
         zero = jnp.zeros(())

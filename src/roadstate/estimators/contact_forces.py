@@ -177,7 +177,7 @@ class ForceMeter(eqx.Module):
         no = jnp.zeros((), bool)
         load = self.car.wheel_loads(zero, zero)
         return AxleForces(
-            four, two, load, four, four, now, still, four + jnp.inf, two + jnp.inf, two,
+            four, two, load, four, four, now, still, two, four + jnp.inf, two + jnp.inf, two,
             Lean.upright(), zero, zero, zero, zero, zero, zero, zero + 1.0, zero, zero + NEVER, no, no,
         )  # fmt: skip
 
@@ -270,6 +270,7 @@ class ForceMeter(eqx.Module):
             told=slow.told,
             now=now,
             stir=stir,
+            shaken=signals.shaken,
             along_std=split / jnp.maximum(load, 0.1 * jnp.mean(load)) + unsure,
             across_std=jnp.hypot(moment, _PLACE_ERROR * rotation / GRAVITY) + missing,
             accel=accel,

@@ -16,6 +16,7 @@ from roadstate.core.errors import InputError
 from roadstate.estimators.base import Sample
 from roadstate.estimators.blur import Blur
 from roadstate.estimators.quadratic import Quadratic
+from roadstate.estimators.shaking import Shaking
 from roadstate.estimators.signals import NEVER, signed_direction
 
 if TYPE_CHECKING:
@@ -78,6 +79,7 @@ class SignalState(NamedTuple):
         smooth: (8,) low-passed values.
         blur: what that makes of them.
         fit: and what they are now.
+        shaking: of the accelerometers.
         gear: latest gear ratio.
         other: speed that wheels do not tell, smoothed, m/s; huge before any came.
         sense: (4,) 1 of a wheel whose sign is right, -1 where it is swapped, 0 before that is known.
@@ -92,6 +94,7 @@ class SignalState(NamedTuple):
     smooth: Float[Array, " 8"]
     blur: Blur
     fit: Quadratic
+    shaking: Shaking
     gear: Float[Array, ""]
     other: Float[Array, ""]
     sense: Float[Array, " 4"]
@@ -110,6 +113,7 @@ class Signals(NamedTuple):
         lag: (8,) s by which ``smooth`` is late.
         noise: (8,) variance that it has of a sample's independent error of variance 1.
         now, now_rate: (8,) the same two without the low pass's lag, noisier.
+        shaken: (2,) root mean square of what the road shakes the accelerometers by, m/s².
         is_faulty: (8,) a sensor that is stuck, or whose samples are refused.
     """
 
@@ -122,6 +126,7 @@ class Signals(NamedTuple):
     noise: Float[Array, " 8"]
     now: Float[Array, " 8"]
     now_rate: Float[Array, " 8"]
+    shaken: Float[Array, " 2"]
     is_faulty: Bool[Array, " 8"]
 
 
@@ -187,6 +192,7 @@ class Intake(eqx.Module):
             none,
             Blur.start(8),
             Quadratic.start(8),
+            Shaking.still(2),
             none[0],
             none[0] + NEVER,
             none[SPIN],
@@ -244,6 +250,9 @@ class Intake(eqx.Module):
         blur = state.blur.take(lag, age, STALE, dt)
         fit = state.fit.take(value, first, self.memory, dt)
         now, now_rate = fit.ahead(jnp.asarray(_LATE))
+        shaking = state.shaking.take(
+            value[INERTIAL], taken[INERTIAL], since[INERTIAL] > STALE, since[INERTIAL]
+        )
         refused = jnp.where(refuse, state.refused + 1, jnp.where(taken, 0.0, state.refused))
         signals = Signals(
             value=value,
@@ -255,10 +264,11 @@ class Intake(eqx.Module):
             noise=blur.noise,
             now=now,
             now_rate=now_rate,
+            shaken=shaking.size,
             is_faulty=stuck | (refused > 0) | (told & ~seen),
         )
         return SignalState(
-            value, age, refused, repeats, low, high, smooth, blur, fit, gear, other, sense
+            value, age, refused, repeats, low, high, smooth, blur, fit, shaking, gear, other, sense
         ), signals
 
     def _sense(

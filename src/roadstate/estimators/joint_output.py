@@ -23,6 +23,9 @@ if TYPE_CHECKING:
     from roadstate.estimators.joint import Joint, JointState
 
 _ROUGH = (0.003, 0.01)  # 1σ of an axle's force along and across, as a share of its load
+# and over g what that is more, as a share of what a rough road shakes the accelerometers by: tires bear more
+# and less as they bounce, and the body passes on only a part of it
+_SHAKEN = (0.7, 2.2)
 _CG_ERROR = 0.015  # of the wheelbase: 1σ of where the centre of gravity is along it
 _SHARED = 0.03  # 1σ of how forces along are shared by the axles, whose torques err each by itself
 # 1σ of what is added along and across to undo the low pass, as a share of it
@@ -81,9 +84,10 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
         tell("velocity_y", side[V_Y], side_std[V_Y])
         bank = jnp.arcsin(jnp.clip(side[BANK] / GRAVITY, -0.99, 0.99))
         tell("bank", bank, side_std[BANK] / (GRAVITY * jnp.cos(bank)))
+    shaken = jnp.asarray(_SHAKEN, axles.dtype) * forces.shaken / GRAVITY
     for i, where in enumerate(("front", "rear")):
         load, along = axles[i], straight[i]
-        rough = jnp.hypot(scale_std * along, _ROUGH[0] * load)
+        rough = jnp.hypot(scale_std * along, jnp.hypot(_ROUGH[0], shaken[0]) * load)
         rough = jnp.hypot(rough, jnp.hypot(_SHARED * along, straight_std[i]))
         rough = jnp.hypot(rough, leads[0, i])
         rough = jnp.hypot(rough, _PARKED * load * jnp.exp(-((mean[SPEED] / STANDSTILL_SPEED) ** 2)))
@@ -92,7 +96,7 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
         tell(f"force_x_{where}", scale * along, jnp.hypot(rough, spread))
         if joint.knows_sides:
             across = lateral[i]
-            rough = jnp.hypot(scale_std * across, _ROUGH[1] * load)
+            rough = jnp.hypot(scale_std * across, jnp.hypot(_ROUGH[1], shaken[1]) * load)
             rough = jnp.hypot(rough, leads[1, i])
             rough = jnp.hypot(rough, _CG_ERROR * jnp.sum(lateral))
             rough = jnp.hypot(rough, side_std[BIAS_Y] / GRAVITY * load)
