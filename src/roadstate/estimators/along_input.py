@@ -27,7 +27,7 @@ from roadstate.estimators.intake import (
 )
 from roadstate.estimators.noise_learning import NoiseLearner, Unrest
 from roadstate.estimators.pitch import Pitching, lean_std
-from roadstate.estimators.tire_contact import ContactState, TireContact
+from roadstate.estimators.tire_contact import ANY, ContactState, TireContact
 from roadstate.linalg import root
 
 if TYPE_CHECKING:
@@ -41,7 +41,6 @@ _HILLY = 0.08  # slope on which that changes the rate of climb
 _LEAST_STEP = 1e-3  # s
 _AGE = 0.1  # s by which a receiver's rate of climb may be late
 _JITTER = 0.02  # s: 1σ of what its speed is later or earlier than usual
-_ANY = 5.0  # m/s: 1σ of a speed that is not known yet
 _LEARNED = ("vertical_speed", "traction", "attitude")  # sensors whose noise is learned
 _MOVING = 2.0  # m/s from which sensors err as they usually do
 
@@ -178,7 +177,7 @@ class AlongIntake(eqx.Module):
             # what a wheel's radius is off by is a share of the speed, which wheels tell at first
             heard = jnp.isfinite(rim)
             mean = jnp.sum(jnp.where(heard, rim, 0.0)) / jnp.maximum(jnp.sum(heard), 1)
-            u = u._replace(speed=jnp.where((spread > _ANY) & jnp.any(heard), mean, speed))
+            u = u._replace(speed=jnp.where((spread > ANY) & jnp.any(heard), mean, speed))
         for name in ("speed", "altitude", "vertical_speed"):
             if name in self.sensors:
                 value, std = sample[name], self.sensor_std[self.sensors.index(name)]

@@ -60,6 +60,8 @@ _LATE_TIME = 0.5  # s: how long an error of a late signal lasts
 _LAGS = 0.1  # s by which the accelerometer may be late when the gyroscope is no longer judged by it
 _PATIENCE = 300  # samples for which a spinning or locked wheel may be refused
 _CONFIRMED = 3.0  # samples of a speed signal, in a row, that wheels confirm and the filter contradicts
+_ROLLED = 0.2  # s for which wheels that roll freely contradict it, which count as much as one of these
+_STEEPEST = 4.5  # m/s²: no road is so steep
 _ALIKE = (0.3, 0.03)  # m/s, and share of it, by which both may then differ
 _WRONG = 1.0  # m/s by which the filter must
 _MAY_SLIP = 0.5  # m/s² from which on all wheels may spin or lock, and a signal that is the wheels' with them
@@ -71,7 +73,8 @@ class JointState(NamedTuple):
     Attributes:
         watch, signals, trust, forces, along, contact, bank, pitch, unrest: the parts'.
         speed_age: s since anything told the speed.
-        against: samples of the speed signal, in a row, that the wheels confirm and the filter contradicts.
+        against: samples of the speed signal, in a row, that the wheels confirm and the filter contradicts;
+            or how many of them wheels that roll freely are worth.
         doubt: s for which nothing is learnt of friction yet, since a sensor was caught.
         fault_age: (8 + m,) s for which each inertial, steering and wheel signal has been refused or stuck,
             and each of the filter's sensors refused.
@@ -263,8 +266,11 @@ class Joint(Estimator[JointState]):
         turned = jnp.any((held.sense < 0) & (state.signals.sense == 0)) & (rolls * speed < 0)
         trust = once(jax.tree.map(lambda new, kept: jnp.where(turned, new, kept), self.trust.init(), trust))
         caught = jnp.any(found) | turned
+        rolls = jnp.where(jnp.any(seen.is_fresh[SPIN]), contact.rolling, speed)
         against = self._against(state.against, sample, seen, rolls, speed, forces.accel[0])
-        lost = (against >= _CONFIRMED) | turned
+        contradicted = jnp.where(jnp.abs(rolls - speed) > _WRONG, state.against + dt / _ROLLED, 0.0)
+        against = jnp.where(contact.rolls > 0, contradicted, against)
+        lost = (against >= _CONFIRMED) | turned | (jnp.abs(along.gaussian.mean[SLOPE]) > _STEEPEST)
         # what was learnt from a sensor that lies may be wrong
         spoilt = jnp.any(found & (GROUP != YAW)) | self._freezes(state, held, raw) | lost
         begin = jnp.where(lost, rolls, speed)

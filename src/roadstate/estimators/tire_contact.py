@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from roadstate.estimators.axle_forces import AxleForces, by_axle, steered_cosines
 from roadstate.estimators.base import leaf
@@ -18,12 +18,15 @@ from roadstate.linalg import root
 if TYPE_CHECKING:
     from roadstate.vehicles import Vehicle
 
+ANY = 5.0
+"""m/s: 1σ of a speed that is not known yet."""
 _SLIP_SHARE = 0.5  # 1σ of the slip that a wheel's force makes, as a share of it: near the limit it runs away
 _SLIP_TIME = 0.5  # s: how long that lasts
 _SLIP_LARGEST = 0.15
 _SLIP_LAG = 0.025  # s by which force and slip are not of the same moment: 1σ
 _RUNAWAY = (0.4, 3.0)  # m/s by which a wheel may leave the rest, and 1σ over what is beyond
 _RACING = (5.0, 1.8, 0.5)  # m/s² by which a wheel, and all, may outrun the car, and s of mistrust then
+_CALM = 0.5  # m/s² below which a wheel has not outrun the car lately
 _TOGETHER = (0.03, 0.3, 1.5)  # share of the speed and m/s within which wheels agree, and s to believe them
 _DEAD_BAND = (0.7, 0.25, 0.1)  # m/s: a slower wheel may read down to zero, with this 1σ, for so long (s)
 _WHEEL_DELAY = 0.01  # s: age of a wheel's speed when it comes
@@ -34,6 +37,11 @@ _TOOTH = (0.04, 0.12)  # m from tooth to tooth, one of which a speed is late bes
 _LATE_ERROR = 0.5  # 1σ of that lateness, as a share of it
 _YIELDS = 0.025  # s: lag of the force behind the angle that suspension and steering add to the tire's
 _LAG_ERROR = 0.015  # s: 1σ of that lag
+_VAGUE = 1.0  # m/s: 1σ of a speed that tells nothing of which wheel slips
+_UNKNOWN = 0.01  # of what wheels are apart then: 1σ of what the one slips that slips least
+_BOUND = 0.07  # of what a wheel bounds the speed by: 1σ of what it slips itself
+_BEARS = 0.03  # force over load from which on its sign is known
+_ROLLS = 0.15  # m/s²: no brakes are applied that slow the car down by less
 _LEAST_STEP = 1e-3  # s
 
 
@@ -45,6 +53,8 @@ class ContactState(NamedTuple):
         along, slip: (4,) F_x/F_z and slip of the wheels, slowed.
         racing: (4,) m/s² by which wheels outran the car lately.
         together: s for which all wheels have agreed on a speed and its change, or on standing still.
+        rolling: m/s that wheels tell which nothing drives or brakes, or else the one that slips least.
+        rolls: s for which the former have agreed.
     """
 
     angle: Float[Array, " 2"]
@@ -53,6 +63,8 @@ class ContactState(NamedTuple):
     slip: Float[Array, " 4"]
     racing: Float[Array, " 4"]
     together: Float[Array, ""]
+    rolling: Float[Array, ""]
+    rolls: Float[Array, ""]
 
 
 class TireContact(eqx.Module):
@@ -65,7 +77,10 @@ class TireContact(eqx.Module):
         relaxation: relaxation length, m.
         places: (2,) of the axles ahead of the centre of gravity, m.
         half_track: (4,) of the wheels to the left, m.
+        driven: whether a drive acts on each wheel.
     """
+
+    driven: tuple[bool, ...] = eqx.field(static=True)
 
     radius: Float[Array, ""]
     noise: Float[Array, ""]
@@ -75,7 +90,8 @@ class TireContact(eqx.Module):
     half_track: Float[Array, " 4"]
 
     def __init__(self, vehicle: Vehicle) -> None:
-        geometry, tires = vehicle.geometry, vehicle.tires
+        geometry, tires, axles = vehicle.geometry, vehicle.tires, vehicle.driveline.driven
+        self.driven = tuple(axles in (axle, "all") for axle in ("front", "front", "rear", "rear"))
         self.radius = leaf(vehicle.wheels.radius)
         self.noise = leaf(vehicle.wheels.radius * vehicle.sensors.wheel_speed.noise)
         self.slip_stiffness, self.relaxation = leaf(tires.slip_stiffness), leaf(tires.relaxation_length)
@@ -86,7 +102,8 @@ class TireContact(eqx.Module):
     def init(self) -> ContactState:
         """Straight ahead and rolling."""
         two, four = jnp.zeros(2), jnp.zeros(4)
-        return ContactState(two, two, four, four, four, jnp.zeros(()))
+        zero = jnp.zeros(())
+        return ContactState(two, two, four, four, four, zero, zero, zero)
 
     def slips(self, along: Array, load: Array) -> Float[Array, " 4"]:
         """(4,) what forces F_x (4,) under loads (4,), N, make wheels slip as long as that is linear."""
@@ -108,7 +125,10 @@ class TireContact(eqx.Module):
         """(4,) the car's speed as each wheel tells it, freed of yaw and slip, and 1σ, m/s.
 
         A wheel whose own acceleration is not the car's spins up or locks, and is mistrusted from that moment
-        on; so is one that is far from the car's speed, unless all wheels have long agreed on another.
+        on; so is one that is far from the car's speed, unless all wheels have long agreed on another. Wheels
+        that nothing drives or brakes have no reason to slip: where they agree, the others are held against
+        them, and they against nothing. And a tire slips as its force points: one that slows the car down
+        turns no faster than the car moves, however its wheel may lock, one that pushes it no slower.
 
         Args:
             state: from :meth:`init` or the last call.
@@ -129,8 +149,6 @@ class TireContact(eqx.Module):
         late = jnp.minimum(_TOOTH[0] / jnp.maximum(jnp.abs(speed), 1e-3), _TOOTH[1])
         late = jnp.where(jnp.abs(rolling) > 0, late, 0.0)
         rim = rolling * turn + self.half_track * turning + (_WHEEL_DELAY + late) * accel
-        away = jnp.abs(rim - speed - accel * dt)
-        away = jnp.maximum(away - _RUNAWAY[0] - 2 * spread, 0.0)
         gains = radius * seen.rate[SPIN] * turn + self.half_track * seen.rate[YAW_RATE]
         apart = jnp.abs(gains - accel)
         outruns = jnp.maximum(apart - _RACING[0] - 2 * unsure, 0.0)
@@ -140,6 +158,13 @@ class TireContact(eqx.Module):
         racing = jnp.maximum(outruns, state.racing * jnp.exp(-dt / _RACING[2]))
         slowest = jnp.min(jnp.where(told, rim, jnp.inf))
         fastest = jnp.max(jnp.where(told, rim, -jnp.inf))
+        bears = forces.along / jnp.maximum(forces.load, 0.1 * jnp.mean(forces.load))
+        least = self._slips_least(rim, told, jnp.mean(bears))
+        # what is known of the speed tells nothing: wheels are held against the one that slips least
+        begins = (spread > _VAGUE) & (jnp.sum(told) > 1) & (fastest - slowest > _RUNAWAY[0])
+        away = jnp.abs(rim - jnp.where(begins, least, speed + accel * dt))
+        away = jnp.maximum(away - _RUNAWAY[0] - jnp.where(begins, 0.0, 2 * spread), 0.0)
+        away = away + jnp.where(begins, _UNKNOWN * (fastest - slowest), 0.0)
         agree = fastest - slowest < _TOGETHER[0] * jnp.abs(speed) + _TOGETHER[1]
         agree = agree & (jnp.max(jnp.where(told, outruns, 0.0)) == 0.0) & (jnp.sum(told) > 1)
         agree = agree & (jnp.minimum(jnp.abs(slowest), jnp.abs(fastest)) > _DEAD_BAND[0])
@@ -148,7 +173,15 @@ class TireContact(eqx.Module):
         agree = agree | (rests & (jnp.sum(told) > 1) & (speed * accel > 0))
         together = jnp.where(agree, state.together + dt, 0.0)
         away = jnp.where(together > _TOGETHER[2], 0.0, away)
-        lasting = (_SLIP_SHARE * slip * speed) ** 2 + (_RUNAWAY[1] * away) ** 2 + (_RACING[2] * racing) ** 2
+        free, rolling_speed, sound = self._free(rim, told & (racing < _CALM), forces)
+        apart = jnp.maximum(jnp.abs(rim - rolling_speed) - _RUNAWAY[0], 0.0)
+        away = jnp.where(sound, jnp.where(free, 0.0, jnp.maximum(away, apart)), away)
+        rolls = jnp.where(sound, state.rolls + dt, 0.0)
+        beyond = (speed - rim) * jnp.sign(bears)
+        bounds = (beyond > _RUNAWAY[0]) & (jnp.abs(bears) > _BEARS) & (spread < ANY)
+        bounds = bounds & (jnp.abs(rim) > _DEAD_BAND[0])
+        away, doubtful = jnp.where(bounds, _BOUND * beyond, away), jnp.where(bounds, 0.0, racing)
+        lasting = (_SLIP_SHARE * slip * speed) ** 2 + (_RUNAWAY[1] * away) ** 2 + (_RACING[2] * doubtful) ** 2
         lasting = lasting + (_LATE_ERROR * late * accel) ** 2
         slow = jnp.where(jnp.abs(rolling) < _DEAD_BAND[0], _DEAD_BAND[1], 0.0)
         noise = self.noise
@@ -156,10 +189,31 @@ class TireContact(eqx.Module):
             noise**2 + lasting * _SLIP_TIME / step + slow**2 * jnp.maximum(_DEAD_BAND[2] / step, 1.0)
         )
         return (
-            state._replace(racing=racing, together=together),
+            state._replace(
+                racing=racing, together=together, rolling=jnp.where(sound, rolling_speed, least), rolls=rolls
+            ),
             jnp.where(seen.is_fresh[SPIN], rim, jnp.nan),
             std,
         )
+
+    def _slips_least(self, rim: Array, told: Array, bears: Array) -> Float[Array, ""]:
+        """Speed that wheels tell which bear a force over load in the mean: the slowest of those that push the
+        car, the fastest of those that slow it down."""
+        mean = jnp.sum(jnp.where(told, rim, 0.0)) / jnp.maximum(jnp.sum(told), 1)
+        fastest, slowest = jnp.max(jnp.where(told, rim, mean)), jnp.min(jnp.where(told, rim, mean))
+        return jnp.where(bears > _BEARS, slowest, jnp.where(bears < -_BEARS, fastest, mean))
+
+    def _free(
+        self, rim: Array, told: Array, forces: AxleForces
+    ) -> tuple[Bool[Array, " 4"], Float[Array, ""], Bool[Array, ""]]:
+        """Which wheels nothing drives or brakes, the speed they tell, and whether they agree on it."""
+        brakes = (forces.age >= STALE) | forces.is_brake_unknown | (jnp.abs(forces.brake) > _ROLLS)
+        free = told & ~np.array(self.driven) & ~brakes & (jnp.abs(rim) > _DEAD_BAND[0])
+        count = jnp.sum(free)
+        speed = jnp.sum(jnp.where(free, rim, 0.0)) / jnp.maximum(count, 1)
+        apart = jnp.max(jnp.where(free, jnp.abs(rim - speed), 0.0))
+        agree = apart < 0.5 * (_TOGETHER[0] * jnp.abs(speed) + _TOGETHER[1])
+        return free, speed, (count > 1) & agree
 
     def touch(
         self,

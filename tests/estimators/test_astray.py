@@ -1,0 +1,105 @@
+"""Logs that begin on ice: wheels that spin or lock from the first sample on, and no receiver."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from roadstate.core import WHEELS, Estimates, Log
+from roadstate.core.constants import GRAVITY
+from roadstate.estimators import Estimator, build
+from roadstate.run import scan
+from roadstate.vehicles import Vehicle
+
+Array = NDArray[np.float64]
+Drive = Callable[..., Log]
+RATE = 100.0
+TIME = np.arange(2000) / RATE
+
+
+@pytest.fixture(scope="module")
+def estimator(vehicle: Vehicle) -> Estimator:
+    """Of a car with front-wheel drive, whose bus tells torques."""
+    torques = [f"{kind}_torque_{w}" for kind in ("drive", "brake") for w in WHEELS]
+    wheels = [f"wheel_speed_{w}" for w in WHEELS]
+    return build("joint", vehicle, [*wheels, *torques, "accel_x"])
+
+
+def on_ice(vehicle: Vehicle, speed: Array, slips: Array, grade: float) -> Log:
+    """Wheels that slip as (4, T) says, and torques that do not turn them: what they push is less.
+
+    Args:
+        vehicle: the car.
+        speed: (T,) m/s.
+        slips: practical slips of the wheels.
+        grade: rad.
+    """
+    rng = np.random.default_rng(0)
+    slope = np.gradient(speed, 1 / RATE)
+    pitch = 1 + GRAVITY * vehicle.body.pitch_gradient
+    felt = slope + GRAVITY * np.sin(grade)
+    drag = 0.5 * vehicle.aerodynamics.air_density * vehicle.drag_area * speed**2
+    rolling = vehicle.rolling_resistance.coefficient * vehicle.mass * GRAVITY
+    force = vehicle.mass * felt + drag + rolling
+    spin = speed * (1 + slips) / vehicle.wheels.radius
+    inertia = vehicle.wheels.inertia * np.gradient(spin, 1 / RATE, axis=1)
+    # all of the drive is the front axle's; brakes are everybody's
+    share = np.where(force > 0, np.array([0.5, 0.5, 0.0, 0.0])[:, None], 0.25)
+    torque = share * force * vehicle.wheels.radius + inertia
+    channels = {"accel_x": pitch * felt + 0.05 * rng.normal(size=len(speed)), "ref_velocity_x": speed}
+    for i, wheel in enumerate(WHEELS):
+        channels[f"wheel_speed_{wheel}"] = spin[i] + 0.05 * rng.normal(size=len(speed))
+        channels[f"drive_torque_{wheel}"] = np.where(force > 0, torque[i], 0.0)
+        channels[f"brake_torque_{wheel}"] = np.where(force > 0, 0.0, np.maximum(-torque[i], 0.0))
+    return Log(TIME, channels)
+
+
+def honest(said: Estimates, speed: Array, grade: float, error: float) -> None:
+    """From .1 s on the speed within ``error`` (m/s) and mostly three of its σ, as the slope."""
+    off, slope = (said.values["speed"] - speed)[10:], said.values["grade"] - grade
+    assert np.abs(off).max() < error
+    assert np.mean(np.abs(off) < 3 * said.std["speed"][10:]) > 0.95
+    assert np.abs(slope).max() < 0.05 + 3 * said.std["grade"].max()
+    assert np.mean(np.abs(slope) < 3 * said.std["grade"]) > 0.97
+
+
+def test_driven_wheels_that_spin_from_the_first_sample_on(vehicle: Vehicle, estimator: Estimator) -> None:
+    """They spin up by a half and more; the others roll, and tell the speed."""
+    speed = 8 + 0.3 * TIME
+    slips = np.zeros((4, len(TIME)))
+    slips[0] = 0.6 + 0.3 * np.sin(2 * np.pi * 0.8 * TIME)
+    slips[1] = 0.2 + 0.15 * np.sin(2 * np.pi * 0.5 * TIME)
+    said = scan(estimator, on_ice(vehicle, speed, slips, 0.02))
+    honest(said, speed, 0.02, 0.4)
+
+
+def test_wheels_under_anti_lock_brakes_from_the_first_sample_on(
+    vehicle: Vehicle, estimator: Estimator
+) -> None:
+    """None rolls at the first sample but the fastest; after that now one comes up to the car's speed, now
+    another."""
+    speed = 17.5 - 0.5 * TIME
+    phases = np.array([0.0, 2.0, 4.0, 5.0])[:, None]
+    slips = -0.3 - 0.27 * np.cos(2 * np.pi * 1.3 * TIME + phases)
+    said = scan(estimator, on_ice(vehicle, speed, slips, -0.05))
+    honest(said, speed, -0.05, 1.5)
+
+
+def test_a_filter_astray_is_brought_back_by_wheels_that_roll(
+    vehicle: Vehicle, estimator: Estimator, drive: Drive
+) -> None:
+    """No wheel's speed comes for two seconds, in which the accelerometer lies."""
+    rng = np.random.default_rng(0)
+    speed = 12 + np.sin(2 * np.pi * TIME / 7)
+    log = drive(speed, np.zeros(len(TIME)))
+    lies = (TIME > 5) & (TIME < 7)
+    channels = {c: log[c] + 0.05 * rng.normal(size=len(TIME)) for c in log.channels}
+    channels |= {c: np.where(lies, np.nan, v) for c, v in channels.items() if c.startswith("wheel_speed")}
+    channels["accel_x"] += 3.0 * lies
+    said = scan(estimator, log.with_channels(channels))
+    after = TIME > 10
+    np.testing.assert_allclose(said.values["speed"][after], speed[after], atol=0.3)
+    assert np.abs(said.values["grade"][TIME > 12]).max() < 0.03
