@@ -61,3 +61,24 @@ def test_one_sample_of_everything_is_no_exact_speed(vehicle: Vehicle) -> None:
     first = scan(build("joint", vehicle, log.available), log).std["speed"][0]
     radius = vehicle.sensors.wheel_speed.scale * 25.0
     assert first > 0.7 / np.hypot(1 / vehicle.sensors.speed.noise, 1 / radius)
+
+
+def test_a_receivers_speed_is_over_ground(vehicle: Vehicle) -> None:
+    """Up a slope of 16 % a car is 1.3 % faster than its receiver says; a bus says what it is."""
+    random = np.random.default_rng(3)
+    time = np.arange(0.0, 30.0, 1 / RATE)
+    grade, v = np.arctan(0.16), 20.0
+    told = v + NOISE * random.normal(size=len(time))
+    told[np.arange(len(time)) % 20 != 0] = np.nan
+    noise = random.normal(size=(5, len(time)))
+    channels = {
+        "accel_x": GRAVITY * np.sin(grade) + 0.05 * noise[0],
+        **{f"wheel_speed_{w}": v / vehicle.wheels.radius + 0.05 * noise[1 + i] for i, w in enumerate(WHEELS)},
+    }
+    level = np.cos(grade) * told
+    climb = np.sin(grade) * told
+    received = Log(time, {**channels, "speed": level, "vertical_speed": climb})
+    of_bus = Log(time, {**channels, "speed": told})
+    for log in (received, of_bus):
+        found = scan(build("joint", vehicle, log.available), log)
+        assert found.values["speed"][2000:].mean() == pytest.approx(v, abs=0.06)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import TYPE_CHECKING
 
 import equinox as eqx
@@ -42,6 +43,7 @@ _LEAST_STEP = 1e-3  # s
 _AGE = 0.1  # s by which a receiver's rate of climb may be late
 _JITTER = 0.02  # s: 1σ of what its speed is later or earlier than usual
 _LEARNED = ("vertical_speed", "traction", "attitude")  # sensors whose noise is learned
+_RECEIVED = ("latitude", "vertical_speed")  # channels that only a satellite receiver gives
 _MOVING = 2.0  # m/s from which sensors err as they usually do
 
 
@@ -51,6 +53,7 @@ class AlongIntake(eqx.Module):
     Attributes:
         sensors: the model's.
         learned: places of those whose noise is learned.
+        over_ground: whether the speed signal is a receiver's: level, not along the slope.
         contact: what each wheel tells of the speed.
         learner: of the noise.
         sensor_std: (m,) 1σ of a sample, as the vehicle file says.
@@ -60,14 +63,16 @@ class AlongIntake(eqx.Module):
 
     sensors: tuple[str, ...] = eqx.field(static=True)
     learned: tuple[int, ...] = eqx.field(static=True)
+    over_ground: bool = eqx.field(static=True)
     contact: TireContact
     learner: NoiseLearner
     sensor_std: Float[Array, " m"]
     accel_noise: Float[Array, ""]
     pitching: Float[Array, ""]
 
-    def __init__(self, vehicle: Vehicle, sensors: tuple[str, ...]) -> None:
+    def __init__(self, vehicle: Vehicle, sensors: tuple[str, ...], available: Collection[str]) -> None:
         own = vehicle.sensors
+        self.over_ground = any(c in available for c in _RECEIVED)
         noise = {
             "speed": own.speed.noise,
             "altitude": own.altitude.noise,
@@ -184,6 +189,8 @@ class AlongIntake(eqx.Module):
                 if name == "speed":
                     backward = (held.gear < 0) & (value > 0)
                     value = jnp.where(backward, -value, value)
+                    if self.over_ground:
+                        value = value / root(1 - jnp.clip(x[SLOPE] / GRAVITY, -0.5, 0.5) ** 2)
                     std = jnp.hypot(std, _JITTER * u.gaining)
                 if name == "vertical_speed":
                     std = jnp.hypot(std, _AGE * u.gaining * x[SLOPE] / GRAVITY)

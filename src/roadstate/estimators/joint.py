@@ -185,7 +185,7 @@ class Joint(Estimator[JointState]):
             filter=KF(gate=GateRule(patience=_PATIENCE)),
             bank=FrictionBank(vehicle),
             pitch=PitchMeter(vehicle),
-            inputs=AlongIntake(vehicle, model.sensors),
+            inputs=AlongIntake(vehicle, model.sensors, available),
             knows_sides=signals.has[ACCEL_Y] and signals.has[YAW_RATE],
             speed_scale=leaf(0.0 if "speed" in available else vehicle.sensors.wheel_speed.scale),
             mass_std=leaf(vehicle.prior.mass_relative),
