@@ -185,3 +185,44 @@ def test_what_stirs_up_an_axle_is_remembered_for_a_moment(vehicle: Vehicle) -> N
     assert stir[1][0].sum() == pytest.approx(2.0 * vehicle.mass, rel=0.05)  # more, where a body pitches
     assert stir[1][1].max() == 0
     np.testing.assert_allclose(stir[16], stir[1] * np.exp(-1), rtol=1e-5)
+
+
+def untold(vehicle: Vehicle, accel: float, speed: float) -> AxleForces:
+    """What an accelerometer alone tells, straight on, wheels that turn as the car does."""
+    meter, zero = ForceMeter(vehicle, ()), jnp.zeros(8)
+    value = zero.at[ACCEL_X].set(accel).at[SPIN].set(speed / vehicle.wheels.radius)
+    rate = zero.at[SPIN].set(accel / vehicle.wheels.radius)
+    signals = Signals(
+        value, zero, jnp.ones(8, bool), value, rate, zero, zero, value, rate, jnp.zeros(2), jnp.zeros(8, bool)
+    )
+    state = meter.init()._replace(lean=Lean(jnp.asarray(accel), jnp.zeros(()), jnp.asarray(accel)))
+    still = jnp.zeros(())
+    return meter.read(state, {}, signals, jnp.asarray(speed), jnp.zeros(2), still, jnp.asarray(STEP))[1]
+
+
+def test_wheels_that_nothing_drives_need_no_torque_to_be_told(vehicle: Vehicle) -> None:
+    """They roll and are spun up; the front ones push for that, too."""
+    accel = 1.2
+    along = np.asarray(untold(vehicle, accel, SPEED).along)
+    rolling = vehicle.rolling_resistance
+    load = np.asarray(untold(vehicle, accel, SPEED).load)
+    bears = (rolling.coefficient + rolling.speed_coefficient * SPEED**2) * load[2:]
+    spins = 2 * vehicle.wheels.inertia * accel / vehicle.wheels.radius**2
+    assert along[2:].sum() == pytest.approx(-bears.sum() - spins, rel=0.02)
+    drag = 0.5 * vehicle.aerodynamics.air_density * vehicle.drag_area * SPEED**2
+    assert along.sum() == pytest.approx(vehicle.mass * accel + drag, rel=0.01)
+
+
+def test_brakes_that_no_channel_tells_of_are_shared_as_the_file_says(vehicle: Vehicle) -> None:
+    assert vehicle.brakes is not None
+    told = untold(vehicle, -4.0, SPEED)
+    along, std = np.asarray(told.along), np.asarray(told.along_std * told.load)
+    ratio = vehicle.brakes.torque_per_pressure_front / vehicle.brakes.torque_per_pressure_rear
+    assert along[:2].sum() / along[2:].sum() == pytest.approx(ratio, rel=0.15)
+    # a wheel that is not braked at all lies within two and a half σ
+    assert (std[2:] > np.abs(along[2:]) / 2.5).all()
+
+
+def test_a_car_that_stands_uphill_is_not_held_by_its_drive_alone(vehicle: Vehicle) -> None:
+    along = np.asarray(untold(vehicle, 0.8, 0.0).along)
+    assert along[2:].sum() > 0.25 * along.sum() > 0

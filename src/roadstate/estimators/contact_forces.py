@@ -40,7 +40,7 @@ _CRAWL = 1.0  # m/s under which a brake's torque may be anything up to what it c
 _UNEVEN = 0.02  # m/s²/√Hz: what the road's unevenness does to the force that torques tell
 _GUST = 3.0  # m/s/√Hz: a wind that varies by 1 m/s over 5 s
 _TURNING = 0.05  # 1σ of the share of the front axle's lateral force that steering turns backward
-_SPLIT_ERROR = 0.3  # 1σ of a brake's share of a force whose distribution nothing tells
+_SPLIT_ERROR = 0.3  # 1σ of what each wheel brakes where nothing tells, as a share of what one does at most
 _INERTIA_ERROR = 0.1  # 1σ of the yaw inertia, as a share of it
 _PLACE_ERROR = 0.05  # m: 1σ of where the IMU is along the car, once that has been learned
 _TRAIL = 0.03  # m: pneumatic trail of a car's tire below the limit
@@ -94,6 +94,7 @@ class _Scene(NamedTuple):
     felt: Bool[Array, ""]
     unknown: Bool[Array, ""]
     may_brake: Bool[Array, ""]
+    stands: Bool[Array, ""]
 
 
 class _Balance(NamedTuple):
@@ -119,14 +120,15 @@ class ForceMeter(eqx.Module):
     """Balances forces: torques tell each wheel's F_x, accelerometers the sums, ṙ the axles' F_y.
 
     I_w ω̇_i = T_i − R F_x,i − M_rolling per wheel; what the accelerometer says beyond the sum is distributed
-    as the torques are (or as the load, under brakes that no channel tells of), so that force over load does
-    not depend on the mass in the file: L Y_f = l_r m a_y + I_z ṙ − M_x and L Y_r = l_f m a_y − I_z ṙ + M_x,
-    with M_x the moment of the longitudinal forces.
+    as the torques are (under brakes that no channel tells of as the file shares them, or else as the load),
+    so that force over load does not depend on the mass in the file: L Y_f = l_r m a_y + I_z ṙ − M_x and
+    L Y_r = l_f m a_y − I_z ṙ + M_x, with M_x the moment of the longitudinal forces.
 
     Attributes:
         channels: canonical channels read.
         has_torque: whether a drive torque is measured.
         car: planar dynamics under given forces.
+        driven: (4,) share of the drive that each wheel gets.
     """
 
     channels: tuple[str, ...] = eqx.field(static=True)
@@ -134,7 +136,8 @@ class ForceMeter(eqx.Module):
     _tells_all: bool = eqx.field(static=True)
     car: SevenDofForces
     _traction: TractionMeter | None
-    _driven: Float[Array, " 4"]
+    driven: Float[Array, " 4"]
+    _braked: Float[Array, " 4"] | None
     _half_track: Float[Array, " 4"]
     _spin_noise: Float[Array, ""]
     _pitching: Float[Array, ""]
@@ -149,7 +152,12 @@ class ForceMeter(eqx.Module):
         self.channels = () if self._traction is None else self._traction.channels
         self.car = SevenDofForces.from_vehicle(vehicle)
         driven = {"front": (1, 1, 0, 0), "rear": (0, 0, 1, 1), "all": (1, 1, 1, 1)}[vehicle.driveline.driven]
-        self._driven = jnp.asarray(np.array(driven) / sum(driven))
+        self.driven = jnp.asarray(np.array(driven) / sum(driven))
+        brakes = vehicle.brakes
+        self._braked = None
+        if brakes is not None:
+            gains = np.repeat([brakes.torque_per_pressure_front, brakes.torque_per_pressure_rear], 2)
+            self._braked = jnp.asarray(gains / gains.sum())
         front, rear = vehicle.geometry.track_front / 2, vehicle.geometry.track_rear / 2
         self._half_track = jnp.asarray(np.array([front, -front, rear, -rear]))
         self._spin_noise = leaf(_SPUN * vehicle.sensors.wheel_speed.noise / SMOOTHING)
@@ -233,7 +241,7 @@ class ForceMeter(eqx.Module):
         angle = jnp.clip(smooth[STEER], -0.9, 0.9)
         scene = _Scene(
             load=load,
-            inertia=car.wheel_inertia + engine * self._driven,
+            inertia=car.wheel_inertia + engine * self.driven,
             rolling=coefficient * load * direction,
             drag=drag,
             slope=slope,
@@ -243,6 +251,7 @@ class ForceMeter(eqx.Module):
             felt=signals.age[ACCEL_X] < STALE,
             unknown=unknown,
             may_brake=may_brake,
+            stands=jnp.abs(speed) < STANDSTILL_SPEED,
         )
         slow = self._balance(accel, signals.rate, torque, scene)
         sharp = self._freed(signals.now, lean.ahead(SMOOTHING)) - accel_error
@@ -255,7 +264,7 @@ class ForceMeter(eqx.Module):
         now = Current(swift[0], swift[1], fast.across, signals.now_rate[YAW_RATE])
         ahead = jnp.abs(jnp.stack([current[0] - by_axle(along), fast.across - slow.across]))
         stir = jnp.maximum(ahead, state.stir * jnp.exp(-dt / _STIRRED))
-        split = jnp.where(blind, _SPLIT_ERROR * jnp.abs(along), 0.02 * jnp.abs(rest) * jnp.ones(4))
+        split = jnp.where(blind, _SPLIT_ERROR * jnp.max(jnp.abs(along)), 0.02 * jnp.abs(rest) * jnp.ones(4))
         unsure = jnp.where(scene.felt | (scene.known & ~unknown), 0.0, jnp.inf)
         rotation = jnp.abs(signals.rate[YAW_RATE])
         moment = _INERTIA_ERROR * car.yaw_inertia * rotation / (axles * self._wheelbase)
@@ -302,16 +311,19 @@ class ForceMeter(eqx.Module):
         # a wheel turns up as the car does, or a good deal more: the rest is noise of its speed
         spun = jnp.where(at.felt, damped(spun, self._spin_noise), spun)
         told = (torque[:4] - torque[4:] - at.inertia * (moves + spun)) / radius - at.rolling
-        told = jnp.where(at.known, told, 0.0)
+        # wheels that nothing drives need no torque to be told, unless it is a brake's
+        told = jnp.where(at.known | ((self.driven == 0) & at.felt), told, 0.0)
         turn = steered_cosines(at.cosine)
         across = self._across(told, accel[1], rate[YAW_RATE], at.cosine, at.sine)
         pull = jnp.sum(told * turn) - across[0] * at.sine
         rest = mass * (accel[0] + at.drag) - pull
         most = _LARGEST * mass * GRAVITY * radius
-        share = jnp.abs(torque[:4]) + jnp.abs(torque[4:]) + 0.02 * most * self._driven
-        blind = at.unknown | ((at.may_brake | ~at.known) & (rest < 0))
-        share = jnp.where(at.known, share / jnp.sum(share), self._driven)
-        share = jnp.where(blind, at.load / jnp.sum(at.load), share)
+        share = jnp.abs(torque[:4]) + jnp.abs(torque[4:]) + 0.02 * most * self.driven
+        # brakes hold a car that stands, uphill, too
+        blind = at.unknown | ((at.may_brake | ~at.known) & (rest < 0)) | (at.stands & ~at.known)
+        share = jnp.where(at.known, share / jnp.sum(share), self.driven)
+        braked = at.load / jnp.sum(at.load) if self._braked is None else self._braked
+        share = jnp.where(blind, braked, share)
         along = told + jnp.where(at.felt, share * rest, 0.0) / turn
         # without what the wheels turn up beyond the car; the sum stays what the accelerometer tells
         spun = at.inertia * spun / radius

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Bool
 
 from roadstate.core.constants import GRAVITY
-from roadstate.estimators.along import BIAS, SLOPE, SPEED
+from roadstate.estimators.along import BIAS, SCALE, SLOPE, SPEED
 from roadstate.estimators.axle_forces import AxleForces, by_axle
 from roadstate.estimators.base import Estimate
 from roadstate.estimators.contact_forces import NOISY
@@ -119,16 +119,17 @@ def _along(joint: Joint, state: JointState, scale: Array) -> tuple[Array, Array]
     is not mounted straight takes a part of a bend for thrust.
     """
     forces, mean, std = state.latest, state.along.gaussian.mean, state.along.gaussian.std
+    aside = std[names.index("mounting_yaw")] * forces.accel[1] if "mounting_yaw" in names else 0.0
     measured, told, names = forces.now.along, forces.now.told, joint.along.states
     mass = joint.forces.car.mass
     if "mass" not in names:
-        return measured, mass * std[BIAS] * jnp.ones(2) / 2
+        lasting = root(std[BIAS] ** 2 + (std[SCALE] * forces.accel[0]) ** 2 + aside**2)
+        return measured, mass * lasting * by_axle(joint.forces.driven)
     parts = {"drive_gain": forces.drive, "brake_gain": -forces.brake, "resistance": -forces.rolling}
     if "torque_zero" in names:
         parts["torque_zero"] = forces.lever
     figures, known = jnp.asarray([names.index(s) for s in parts]), jnp.stack(list(parts.values()))
     noise = joint.inputs.white(state.unrest, forces) / (2 * SMOOTHING) ** 0.5
-    aside = std[names.index("mounting_yaw")] * forces.accel[1] if "mounting_yaw" in names else 0.0
     # what changes fast is told badly, more so by torques, which come late
     gained = jnp.stack([jnp.sum(measured - by_axle(forces.along)), jnp.sum(told - by_axle(forces.told))])
     swift = jnp.asarray(_SWIFT, gained.dtype) * (gained / mass) ** 2
