@@ -17,15 +17,13 @@ from roadstate.estimators.friction_bank import VIEWS
 from roadstate.estimators.intake import ACCEL_X, ACCEL_Y, SMOOTHING, STALE
 from roadstate.estimators.sideways import BANK, BIAS_Y, LEVER, SLOWEST, V_Y
 from roadstate.estimators.signals import STANDSTILL_SPEED
+from roadstate.estimators.tire_contact import SHAKEN
 from roadstate.linalg import root
 
 if TYPE_CHECKING:
     from roadstate.estimators.joint import Joint, JointState
 
 _ROUGH = (0.003, 0.01)  # 1σ of an axle's force along and across, as a share of its load
-# and over g what that is more, as a share of what a rough road shakes the accelerometers by: tires bear more
-# and less as they bounce, and the body passes on only a part of it
-_SHAKEN = (0.7, 2.2)
 _CG_ERROR = 0.015  # of the wheelbase: 1σ of where the centre of gravity is along it
 _SHARED = 0.03  # 1σ of how forces along are shared by the axles, whose torques err each by itself
 # 1σ of what is added along and across to undo the low pass, as a share of it
@@ -84,7 +82,7 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
         tell("velocity_y", side[V_Y], side_std[V_Y])
         bank = jnp.arcsin(jnp.clip(side[BANK] / GRAVITY, -0.99, 0.99))
         tell("bank", bank, side_std[BANK] / (GRAVITY * jnp.cos(bank)))
-    shaken = jnp.asarray(_SHAKEN, axles.dtype) * forces.shaken / GRAVITY
+    shaken = jnp.asarray(SHAKEN, axles.dtype) * forces.shaken / GRAVITY
     for i, where in enumerate(("front", "rear")):
         load, along = axles[i], straight[i]
         rough = jnp.hypot(scale_std * along, jnp.hypot(_ROUGH[0], shaken[0]) * load)
@@ -119,9 +117,9 @@ def _along(joint: Joint, state: JointState, scale: Array) -> tuple[Array, Array]
     is not mounted straight takes a part of a bend for thrust.
     """
     forces, mean, std = state.latest, state.along.gaussian.mean, state.along.gaussian.std
-    aside = std[names.index("mounting_yaw")] * forces.accel[1] if "mounting_yaw" in names else 0.0
     measured, told, names = forces.now.along, forces.now.told, joint.along.states
     mass = joint.forces.car.mass
+    aside = std[names.index("mounting_yaw")] * forces.accel[1] if "mounting_yaw" in names else 0.0
     if "mass" not in names:
         lasting = root(std[BIAS] ** 2 + (std[SCALE] * forces.accel[0]) ** 2 + aside**2)
         return measured, mass * lasting * by_axle(joint.forces.driven)

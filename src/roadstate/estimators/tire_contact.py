@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from roadstate.core.constants import GRAVITY
 from roadstate.estimators.axle_forces import AxleForces, by_axle, steered_cosines
 from roadstate.estimators.base import leaf
 from roadstate.estimators.intake import ACCEL_Y, SMOOTHING, SPIN, STALE, STEER, YAW_RATE, Signals
@@ -43,6 +44,10 @@ _BOUND = 0.07  # of what a wheel bounds the speed by: 1σ of what it slips itsel
 _BEARS = 0.03  # force over load from which on its sign is known
 _ROLLS = 0.15  # m/s²: no brakes are applied that slow the car down by less
 _LEAST_STEP = 1e-3  # s
+SHAKEN = (0.7, 2.2)
+"""1σ of an axle's force along and across over g and its load, as a share of what a rough road shakes the
+accelerometers by: tires bear more and less as they bounce, and the body passes on only a part of it."""
+_BOTH_WAYS = 1.5  # by how much more than the lesser of the two a rough road shakes
 
 
 class ContactState(NamedTuple):
@@ -266,6 +271,8 @@ class TireContact(eqx.Module):
         stale = seen.age[SPIN] > STALE
         unknown = jnp.where(stale, jnp.inf, 0.0)
         steered = jnp.where(seen.age[STEER] < STALE, 0.0, jnp.asarray([jnp.inf, 0.0]))
+        # anti-lock brakes shake a car along, swift steering across, but only a rough road both ways
+        shaken = jnp.asarray(SHAKEN, load.dtype) * _BOTH_WAYS * jnp.min(forces.shaken) / GRAVITY
         transfer = ((load[0::2] - load[1::2]) / axles) ** 2
         touch = Touch(
             speed=speed,
@@ -280,8 +287,8 @@ class TireContact(eqx.Module):
             slip_std=jnp.hypot(SLIP_ERROR, _SLIP_LAG * slip_rate),
             slip_noise=slip_noise,
             slip_shared=rolling[1],
-            across_std=jnp.hypot(forces.across_std, _LAG_ERROR * across_rate) + steered,
-            along_std=jnp.hypot(forces.along_std, _LAG_ERROR * along_rate) + unknown,
+            across_std=jnp.hypot(jnp.hypot(forces.across_std, shaken[1]), _LAG_ERROR * across_rate) + steered,
+            along_std=jnp.hypot(jnp.hypot(forces.along_std, shaken[0]), _LAG_ERROR * along_rate) + unknown,
             transfer=transfer,
             lag=lag + late[YAW_RATE],
         )
