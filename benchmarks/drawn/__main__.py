@@ -1,0 +1,156 @@
+"""Whether stated uncertainties hold on drives that nobody chose: roads, driving and cars drawn at random.
+
+Run from the project's root: python -m benchmarks.drawn [--drives 40] [--save]
+
+The drives of the accuracy benchmark are smooth and level across, and each stands for one difficulty. Here
+each has a road of its own (grade, bank, bends, unevenness of ISO 8608 class A to C, pieces of friction from
+.1 to 1.05), speeds and pedals of its own, sensors (`automotive`) and a vehicle file of its own, off by 5 to
+10 %, on the multibody plant: about what the estimators' priors speak of.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections import defaultdict
+from collections.abc import Iterator
+from pathlib import Path
+from textwrap import fill
+from typing import NamedTuple
+
+import numpy as np
+from benchmarks.accuracy.progress import shown
+from benchmarks.accuracy.run import without
+from benchmarks.accuracy.scenarios import SATELLITE, VEHICLES
+from benchmarks.drawn.drives import SECONDS, drawn
+from benchmarks.real_logs import moving_mean
+from numpy.typing import NDArray
+
+from roadstate.core import Estimates, Log, is_bound, reference
+from roadstate.core.numerics import use_compilation_cache
+from roadstate.core.tabular import atomic_path
+from roadstate.estimators import build
+from roadstate.metrics import presented
+from roadstate.run import batch
+from roadstate.vehicles import Vehicle, load_vehicle
+
+Array = NDArray[np.float64]
+_RESULTS = Path(__file__).parent.parent / "results" / "drawn.md"
+ESTIMATORS = ("joint", "tfobe", "two-stage", "friction-ukf", "lm-aekf")
+_BUS, _RECEIVER = "bus", "receiver"
+_OF_ROAD = ("grade", "bank")  # the mean over a second counts: what is shorter is unevenness
+_NORMAL_95 = 1.959964
+_APART = 1000  # between the seeds of two vehicles
+_HOW = (
+    "`python -m benchmarks.drawn --save`: {count} drives of {seconds:.0f} s each of {vehicles}; the "
+    "multibody plant with anti-lock and traction control, sensors `automotive`, files off by 5 to 10 %. What "
+    "is drawn: `benchmarks/drawn/drives.py`. Inside: samples whose 95 % interval (of a peak friction: 5 % to "
+    "95 % bounds) holds the truth; then the share that nine in ten drives exceed. Of grade and bank the mean "
+    "over a second counts. Grade in per cent of slope; angles in rad, else SI units."
+)
+_COLUMNS = ("RMSE", "stated 1 σ", "inside", "of 9 in 10 drives", "lower bound holds")
+
+
+class Row(NamedTuple):
+    """One quantity in one drive.
+
+    Attributes:
+        squared: mean squared error, in the unit shown.
+        variance: mean σ², likewise.
+        inside: share of samples whose interval (95 %; of a friction 90 %) holds the truth.
+        above: share whose lower bound lies below the truth.
+    """
+
+    squared: float
+    variance: float
+    inside: float
+    above: float
+
+
+def rows(said: Estimates, log: Log) -> dict[str, Row]:
+    """Of every quantity that the log has the truth of."""
+    found = {}
+    for quantity in (q for q in said.values if not is_bound(q)):
+        truth = reference(quantity, log.channels)
+        if truth is None:
+            continue
+        if quantity in _OF_ROAD:
+            truth = moving_mean(truth, log.time, 1.0)
+        values, std = said.values[quantity], said.std[quantity]
+        low = said.values.get(f"{quantity}_lower", values - _NORMAL_95 * std)
+        high = said.values.get(f"{quantity}_upper", values + _NORMAL_95 * std)
+        used = np.isfinite(truth)
+        told = presented(quantity, values)
+        squared = (told - presented(quantity, truth)) ** 2
+        variance = (presented(quantity, values + std) - told) ** 2
+        inside, above = (low <= truth) & (truth <= high), low <= truth
+        found[quantity] = Row(*(float(np.mean(part[used])) for part in (squared, variance, inside, above)))
+    return found
+
+
+def cells(of_drives: list[Row]) -> list[str]:
+    """Of the columns of a quantity's table."""
+    squared, variance, inside, above = np.array(of_drives).T
+    numbers = np.sqrt(squared.mean()), np.sqrt(variance.mean())
+    shares = 100 * inside.mean(), 100 * np.percentile(inside, 10), 100 * above.mean()
+    return [f"{n:.3g}" for n in numbers] + [f"{s:.1f} %" for s in shares]
+
+
+def recorded(vehicle: str, count: int) -> Iterator[tuple[Log, Vehicle]]:
+    """Drives of one vehicle, each with the file told."""
+    car, first = load_vehicle(vehicle), _APART * (1 + VEHICLES.index(vehicle))
+    return (drawn(car, first + i) for i in range(count))
+
+
+def study(count: int) -> dict[tuple[str, str, str], list[Row]]:
+    """(quantity, channels, estimator) → a row for each drive."""
+    found: dict[tuple[str, str, str], list[Row]] = defaultdict(list)
+    with shown() as tell:
+        for i, vehicle in enumerate(VEHICLES):
+            logs = []
+            for k, drive in enumerate(recorded(vehicle, count)):
+                tell(f"{vehicle}: drive {k + 1}", 2 * i * count + k, 2 * count * len(VEHICLES))
+                logs.append(drive)
+            for name in ESTIMATORS:
+                tell(f"{vehicle}: {name}", (2 * i + 1) * count, 2 * count * len(VEHICLES))
+                for channels in (_BUS, _RECEIVER) if name == ESTIMATORS[0] else (_BUS,):
+                    own = [without(log, SATELLITE if channels == _BUS else ()) for log, _ in logs]
+                    built = [build(name, car, own[0].available) for _, car in logs]
+                    for said, log in zip(batch(built, own), own, strict=True):
+                        for quantity, row in rows(said, log).items():
+                            found[quantity, channels, name].append(row)
+    return found
+
+
+def page(found: dict[tuple[str, str, str], list[Row]], count: int) -> str:
+    """The table in Markdown."""
+    lines = [
+        "# Drives drawn at random",
+        "",
+        *fill(_HOW.format(count=count, seconds=SECONDS, vehicles=", ".join(VEHICLES)), 118).splitlines(),
+        "",
+        "| quantity | channels | estimator | " + " | ".join(_COLUMNS) + " |",
+        "|---|---|---|" + "---|" * len(_COLUMNS),
+    ]
+    order = sorted(found, key=lambda key: (key[0], ESTIMATORS.index(key[2]), key[1]))
+    lines += ["| " + " | ".join([*key, *cells(found[key])]) + " |" for key in order]
+    return "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    """Measure, and print or save."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.drawn", description=__doc__)
+    parser.add_argument("--drives", type=int, default=40, help="of each vehicle")
+    parser.add_argument("--save", action="store_true", help=f"write {_RESULTS.name}")
+    given = parser.parse_args()
+    if given.drives < 1:
+        parser.error("--drives: give 1 or more")
+    use_compilation_cache()
+    made = page(study(given.drives), given.drives)
+    if given.save:
+        with atomic_path(_RESULTS) as temporary:
+            temporary.write_text(made)
+    print(made)
+
+
+if __name__ == "__main__":
+    main()

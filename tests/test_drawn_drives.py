@@ -1,0 +1,84 @@
+"""Drives drawn at random: what is drawn, what is counted, and one that used to lead the estimator astray."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from benchmarks.accuracy.run import without
+from benchmarks.accuracy.scenarios import SATELLITE
+from benchmarks.drawn import drives
+from benchmarks.drawn.__main__ import Row, cells, rows
+
+from roadstate.core import WHEELS, Estimates, Log
+from roadstate.core.constants import GRAVITY
+from roadstate.estimators import build
+from roadstate.run import scan
+from roadstate.vehicles import load_vehicle
+
+
+def test_what_is_drawn() -> None:
+    """Same seed, same drive; of many, grade and friction as the module says."""
+    car = load_vehicle("family-car")
+    one, same, other = (drives._manoeuvre(np.random.default_rng(s), car) for s in (1, 1, 2))
+    np.testing.assert_array_equal(one.script.table, same.script.table)
+    assert one.speed == same.speed != other.speed
+    assert one.duration == pytest.approx(drives._SETTLES + drives.SECONDS)
+    many = [drives._manoeuvre(np.random.default_rng(s), car) for s in range(40)]
+    places = np.arange(50.0, 1500.0, 50.0)
+    points = [m.road.at(places, np.zeros_like(places)) for m in many]
+    friction = np.concatenate([np.asarray(p.friction) for p in points])
+    assert friction.min() >= 0.1
+    assert friction.max() <= 1.05
+    assert 0.35 < np.mean(friction >= 0.75) < 0.65
+    # a slope beyond unevenness: of heights 50 m apart
+    grade = np.concatenate([np.diff(np.asarray(p.z)) / 50.0 for p in points])
+    assert 0.02 < grade.std() < 0.08
+    turning = np.array(
+        [m.speed**2 * np.abs(np.asarray(p.curvature)).max() for m, p in zip(many, points, strict=True)]
+    )
+    assert turning.max() < 0.7 * 1.05 * GRAVITY
+
+
+def test_what_is_counted() -> None:
+    time = np.arange(400) / 100
+    log = Log(
+        time,
+        {
+            "ref_velocity_x": np.full(400, 10.0),
+            "ref_grade": np.full(400, 0.0),
+            **{f"ref_friction_{w}": np.where(time < 3, 0.5, 1.0) for w in WHEELS},
+        },
+    )
+    values = {
+        "speed": np.where(time < 1, 10.3, 10.1),
+        "grade": np.full(400, 0.01),
+        "friction_peak": np.full(400, 0.6),
+        "friction_peak_lower": np.full(400, 0.4),
+        "friction_peak_upper": np.full(400, 0.8),
+    }
+    std = {"speed": np.full(400, 0.1), "grade": np.full(400, 0.01), "friction_peak": np.full(400, 0.2)}
+    found = rows(Estimates(time, values, std, np.zeros(400, np.int8)), log)
+    assert set(found) == {"speed", "grade", "friction_peak"}
+    assert found["speed"].inside == pytest.approx(0.75)
+    assert found["speed"].above == pytest.approx(0.75)
+    assert found["speed"].squared == pytest.approx(0.25 * 0.09 + 0.75 * 0.01)
+    assert found["speed"].variance == pytest.approx(0.01)
+    assert found["grade"].squared == pytest.approx((100 * np.tan(0.01)) ** 2)
+    assert found["friction_peak"].inside == pytest.approx(0.75)
+    assert found["friction_peak"].above == 1.0
+    told = cells([Row(4.0, 1.0, 1.0, 1.0), Row(0.0, 1.0, 0.5, 0.9)])
+    assert told == ["1.41", "1", "75.0 %", "55.0 %", "95.0 %"]
+
+
+@pytest.mark.usefixtures("optimised")
+def test_a_log_that_begins_with_wheels_that_spin_on_ice() -> None:
+    """Without a receiver its speed used to run away to 50 m/s, its slope to -30 %."""
+    log, car = drives.drawn(load_vehicle("family-car"), 13)
+    log = without(log, SATELLITE)
+    found = rows(scan(build("joint", car, log.available), log), log)
+    assert found["speed"].squared < 0.2**2
+    assert found["grade"].squared < 1.0**2
+    assert found["grade"].inside > 0.85
+    assert found["friction_peak"].above > 0.9
+    for force in ("force_y_front", "force_y_rear", "force_x_front", "force_x_rear"):
+        assert found[force].inside > 0.7
