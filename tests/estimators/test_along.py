@@ -29,7 +29,7 @@ CHANNELS = ("accel_x", *(f"wheel_speed_{w}" for w in WHEELS))
 
 @pytest.fixture(scope="module")
 def model() -> AlongModel:
-    return AlongModel(load_vehicle("family-car"), CHANNELS, has_torque=False)
+    return AlongModel(load_vehicle("family-car"), CHANNELS, torque_of=None)
 
 
 def given(speed: Numbers, accel: Numbers, slip: Numbers) -> AlongInput:
@@ -53,7 +53,7 @@ def test_a_wheel_tells_speed_slip_and_what_it_slips_beyond(model: AlongModel) ->
 
 def test_what_all_wheels_seem_to_slip_is_as_uncertain_as_radius_and_speed_together() -> None:
     """κ = R ω/v − 1: with δR/R and δv of covariance P its variance is r P rᵀ, r = (1, −1/v)."""
-    known = AlongModel(load_vehicle("family-car"), (*CHANNELS, "speed"), has_torque=False)
+    known = AlongModel(load_vehicle("family-car"), (*CHANNELS, "speed"), torque_of=None)
     place = known.place("wheel_radius")
     P = np.eye(len(known.states))
     P[np.ix_([SPEED, place], [SPEED, place])] = [[0.04, 0.0015], [0.0015, 1e-4]]
@@ -62,7 +62,7 @@ def test_what_all_wheels_seem_to_slip_is_as_uncertain_as_radius_and_speed_togeth
     assert float(radius) == pytest.approx(0.012)
     assert float(std) == pytest.approx(np.sqrt(1e-4 + 0.04 / 400 - 2 * 0.0015 / 20))
     # where wheels alone tell the speed, their radius is the one it goes by
-    blind = AlongModel(load_vehicle("family-car"), CHANNELS, has_torque=False)
+    blind = AlongModel(load_vehicle("family-car"), CHANNELS, torque_of=None)
     factor = jnp.eye(len(blind.states)).at[SPEED, SPEED].set(0.2)
     radius, std = blind.rolling(Gaussian(jnp.ones(len(factor)), factor), jnp.asarray(20.0))
     assert float(radius) == 0.0
@@ -104,7 +104,7 @@ class TestBraking:
 
 
 def test_a_receiver_tells_a_speed_that_has_been() -> None:
-    known = AlongModel(load_vehicle("family-car"), (*CHANNELS, "speed"), has_torque=False)
+    known = AlongModel(load_vehicle("family-car"), (*CHANNELS, "speed"), torque_of=None)
     x = np.zeros(len(known.states))
     x[SPEED], x[known.place("speed_lag")] = 20.0, 0.03
     told = known.h(jnp.asarray(x), given(20.0, -5.0, 0.0))

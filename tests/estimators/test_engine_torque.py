@@ -50,8 +50,16 @@ def test_a_torque_that_is_off_is_told_from_a_slope_by_the_gears(
 
 def test_only_an_engine_has_gears_that_multiply_it(vehicle: Vehicle) -> None:
     wheels = ("accel_x", "wheel_speed_rl", *(f"drive_torque_{w}" for w in WHEELS))
-    assert "torque_zero" not in AlongModel(vehicle, wheels, has_torque=True).states
-    engine = AlongModel(vehicle, ("accel_x", "wheel_speed_rl", "engine_torque"), has_torque=True)
+    assert "torque_zero" not in AlongModel(vehicle, wheels, torque_of="wheels").states
+    engine = AlongModel(vehicle, ("accel_x", "wheel_speed_rl", "engine_torque"), torque_of="engine")
     place = engine.place("torque_zero")
     assert engine.prior().std[place] == pytest.approx(vehicle.sensors.engine_torque.bias)
     assert jnp.count_nonzero(engine.slow_factor[place - 3]) == 1
+
+
+def test_half_of_a_driven_axle_leaves_the_engine_to_tell(vehicle: Vehicle) -> None:
+    """A torque of one of two driven wheels is not the force, so gains and errors are the engine's."""
+    rears = ["wheel_speed_rl", "wheel_speed_rr"]
+    channels = ["accel_x", *rears, "engine_torque", "gear_ratio", "drive_torque_fl"]
+    assert "torque_zero" in build("joint", vehicle, channels).along.states
+    assert "torque_zero" not in build("joint", vehicle, [*channels, "drive_torque_fr"]).along.states

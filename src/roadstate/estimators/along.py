@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -109,7 +109,9 @@ class AlongModel(StateSpaceModel):
     wander: Float[Array, " 2"]
     lean_gradient: Float[Array, ""]
 
-    def __init__(self, vehicle: Vehicle, available: Collection[str], *, has_torque: bool) -> None:
+    def __init__(
+        self, vehicle: Vehicle, available: Collection[str], *, torque_of: Literal["wheels", "engine"] | None
+    ) -> None:
         prior, sensors = vehicle.prior, vehicle.sensors
         wheels = tuple(f"wheel_speed_{w}" for w in WHEELS if f"wheel_speed_{w}" in available)
         tilt = sensors.accel.bias / GRAVITY  # the bias is mostly one of mounting
@@ -126,8 +128,8 @@ class AlongModel(StateSpaceModel):
             slow["mounting_roll"] = (tilt, _LASTING)
         if wheels:
             slow["slip_factor"] = _SLIP
-        if has_torque:
-            at_wheels = any(c.startswith("drive_torque") for c in available)
+        if torque_of is not None:
+            at_wheels = torque_of == "wheels"
             torque = sensors.wheel_torque if at_wheels else sensors.engine_torque
             measured = any(c.startswith("brake_torque") for c in available)
             slow["mass"] = (prior.mass_relative, _LASTING)
@@ -145,7 +147,7 @@ class AlongModel(StateSpaceModel):
         height = ("altitude", "altitude_error") if "altitude" in available else ()
         attitude = ("attitude",) if "pitch_rate" in available else ()
         self.states = ("speed", "slope", "slope_rate", *slow, *attitude, *height)
-        self.sensors = (*wheels, *aids, *(["traction"] if has_torque else []), *attitude)
+        self.sensors = (*wheels, *aids, *(["traction"] if torque_of is not None else []), *attitude)
         self.road = GradePrior(leaf(GRAVITY * prior.grade_std), leaf(prior.grade_correlation_length))
         self.slow_factor = jnp.asarray(_slow_factor({name: std for name, (std, _) in slow.items()}))
         self.lean_gradient = leaf(vehicle.body.pitch_gradient)

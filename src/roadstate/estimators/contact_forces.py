@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -126,13 +126,13 @@ class ForceMeter(eqx.Module):
 
     Attributes:
         channels: canonical channels read.
-        has_torque: whether a drive torque is measured.
+        torque_of: what drive torque is measured that tells the force at the wheels.
         car: planar dynamics under given forces.
         driven: (4,) share of the drive that each wheel gets.
     """
 
     channels: tuple[str, ...] = eqx.field(static=True)
-    has_torque: bool = eqx.field(static=True)
+    torque_of: Literal["wheels", "engine"] | None = eqx.field(static=True)
     _tells_all: bool = eqx.field(static=True)
     car: SevenDofForces
     _traction: TractionMeter | None
@@ -147,8 +147,10 @@ class ForceMeter(eqx.Module):
             self._traction = TractionMeter(vehicle, available)
         except InputError:  # no torque that tells the force at the wheels
             self._traction = None
-        self.has_torque = self._traction is not None
-        self._tells_all = self.has_torque and all(f"brake_torque_{w}" in available for w in WHEELS)
+        self.torque_of = None
+        if self._traction is not None:
+            self.torque_of = "wheels" if self._traction.source == "wheels" else "engine"
+        self._tells_all = self.torque_of is not None and all(f"brake_torque_{w}" in available for w in WHEELS)
         self.channels = () if self._traction is None else self._traction.channels
         self.car = SevenDofForces.from_vehicle(vehicle)
         driven = {"front": (1, 1, 0, 0), "rear": (0, 0, 1, 1), "all": (1, 1, 1, 1)}[vehicle.driveline.driven]

@@ -171,7 +171,7 @@ class Joint(Estimator[JointState]):
     def build(cls, vehicle: Vehicle, available: Collection[str], **options: Any) -> Self:
         """Compose for a vehicle and the channels there."""
         signals, forces = Intake(vehicle, available), ForceMeter(vehicle, available)
-        model = AlongModel(vehicle, available, has_torque=forces.has_torque)
+        model = AlongModel(vehicle, available, torque_of=forces.torque_of)
         aids = tuple(c for c in ("speed", "altitude", "vertical_speed", "pitch_rate") if c in available)
         channels = tuple(dict.fromkeys((*signals.channels, *forces.channels, *aids)))
         return cls(
