@@ -190,7 +190,9 @@ class AlongIntake(eqx.Module):
                     backward = (held.gear < 0) & (value > 0)
                     value = jnp.where(backward, -value, value)
                     if self.over_ground:
-                        value = value / root(1 - jnp.clip(x[SLOPE] / GRAVITY, -0.5, 0.5) ** 2)
+                        is_told = jnp.isfinite(value)
+                        level = root(1 - jnp.clip(x[SLOPE] / GRAVITY, -0.5, 0.5) ** 2)
+                        value = jnp.where(is_told, jnp.where(is_told, value, 0.0) / level, jnp.nan)
                     std = jnp.hypot(std, _JITTER * u.gaining)
                 if name == "vertical_speed":
                     std = jnp.hypot(std, _AGE * u.gaining * x[SLOPE] / GRAVITY)

@@ -7,11 +7,10 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from roadstate.linalg import root
-
 _MEAN_TIME = 0.05  # s: what lasts longer moves the car
 _MEMORY = 1.0  # s over which squares are averaged
 _LEAST_STEP = 1e-3  # s
+_NOTHING = 1e-6  # in place of 0, at which roots have no derivative
 
 
 class Shaking(NamedTuple):
@@ -69,4 +68,4 @@ class Shaking(NamedTuple):
     @property
     def size(self) -> Float[Array, " k"]:
         """Root mean square of what is no noise, in the signals' unit."""
-        return root(jnp.maximum(self.apart - self.noise, 0.0))
+        return jnp.sqrt(jnp.maximum(self.apart - self.noise, _NOTHING**2))
