@@ -23,7 +23,8 @@ def touch(along: float | list[float] = 0.0, slip: float | list[float] = 0.0) -> 
         speed=zero + 15.0, accel_y=zero, yaw_rate=zero, yaw_accel=zero, lateral=zero, angle=two, across=two,
         along=jnp.asarray(along) * four, slip=jnp.asarray(slip) * four, slip_std=0.002 * four,
         slip_noise=0.0 * four,
-        slip_shared=zero + 0.002, across_std=two, along_std=0.0 * four, transfer=two, lag=zero + 0.05,
+        slip_shared=zero + 0.002, across_std=two, along_std=0.0 * four, shaken=two, transfer=two,
+        lag=zero + 0.05,
     )  # fmt: skip
 
 

@@ -211,7 +211,7 @@ class FrictionBank(eqx.Module):
             row = jnp.stack(rows)
             measured = touch.across[axle]
             noise = self._shake**2 + FORCE_ERROR[0] ** 2 + (FORCE_ERROR[1] * measured) ** 2
-            noise = noise + touch.across_std[axle] ** 2
+            noise = noise + touch.across_std[axle] ** 2 + touch.shaken[1] ** 2
             noise = noise * (1 + gives * by_angle) ** 2 + (by_angle * _ANGLE_ERROR) ** 2
             known = jnp.isfinite(noise) & (jnp.abs(touch.speed) > SLOWEST)
             noise = jnp.where(known, noise, 1e12)

@@ -108,13 +108,14 @@ class Wheels(eqx.Module):
         own = jnp.hypot(touch.slip_std, touch.slip_noise)[:, None]
         slips = jnp.sqrt(own**2 + touch.slip_shared**2 + turned**2)
         floor = touch.along_std[:, None] ** 2 + FORCE_ERROR[0] ** 2 + (FORCE_ERROR[1] * measured) ** 2
-        noise = floor + (by_error * slips) ** 2
+        shaken = floor + touch.shaken[0] ** 2
+        noise = shaken + (by_error * slips) ** 2
         # a curve is no line over the width of a slip that is hardly known, unless the tire surely slides;
         # but no tire bears more than the friction, whatever its slip
         sure = jnp.maximum(_SLIP_KNOWN, jnp.abs(touch.slip[:, None]) / 3) > touch.slip_shared
         beyond = jnp.sign(measured) * jnp.maximum(jnp.abs(measured) - friction, 0.0)
         known: Bool[Array, "4 1"] = jnp.isfinite(floor) & (jnp.abs(touch.speed) > 0.5 * SLOWEST)
-        noise = jnp.where(known, jnp.where(sure, noise, floor + (_SHARE * measured) ** 2), 1e12)
+        noise = jnp.where(known, jnp.where(sure, noise, shaken + (_SHARE * measured) ** 2), 1e12)
         row = jnp.where(sure[:, None], row, 0.0)
         innovation = jnp.where(known, jnp.where(sure, measured - gain * here.along, beyond), 0.0)
         shared = (by_error * touch.slip_shared) ** 2 / noise

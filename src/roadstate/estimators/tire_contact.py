@@ -287,8 +287,9 @@ class TireContact(eqx.Module):
             slip_std=jnp.hypot(SLIP_ERROR, _SLIP_LAG * slip_rate),
             slip_noise=slip_noise,
             slip_shared=rolling[1],
-            across_std=jnp.hypot(jnp.hypot(forces.across_std, shaken[1]), _LAG_ERROR * across_rate) + steered,
-            along_std=jnp.hypot(jnp.hypot(forces.along_std, shaken[0]), _LAG_ERROR * along_rate) + unknown,
+            across_std=jnp.hypot(forces.across_std, _LAG_ERROR * across_rate) + steered,
+            along_std=jnp.hypot(forces.along_std, _LAG_ERROR * along_rate) + unknown,
+            shaken=shaken,
             transfer=transfer,
             lag=lag + late[YAW_RATE],
         )
