@@ -103,6 +103,22 @@ def share_of_peak(value: float, log: Log, quantity: str) -> float:
     return float("nan") if truth is None else 100 * value / float(np.max(np.abs(truth)))
 
 
+def interval(estimates: Estimates, quantity: str) -> tuple[Array, Array] | None:
+    """(T,) ends of what an estimate states: its own bounds, or ±1.96 σ; ``None`` without either.
+
+    Args:
+        estimates: of one run.
+        quantity: one that they give.
+    """
+    values = estimates.values
+    if f"{quantity}_lower" in values and f"{quantity}_upper" in values:
+        return values[f"{quantity}_lower"], values[f"{quantity}_upper"]
+    if quantity not in estimates.std:
+        return None
+    reach = _NORMAL_95 * estimates.std[quantity]
+    return values[quantity] - reach, values[quantity] + reach
+
+
 def covered(estimates: Estimates, log: Log, quantity: str, *, settle: float = 0.0) -> tuple[int, int] | None:
     """Samples whose interval holds the truth, and all samples; ``None`` where there is no truth or interval.
 
@@ -115,15 +131,10 @@ def covered(estimates: Estimates, log: Log, quantity: str, *, settle: float = 0.
         settle: s of the log's start that do not count.
     """
     truth = reference(quantity, log.channels)
-    values = estimates.values
-    if truth is None or quantity not in values:
+    ends = interval(estimates, quantity) if quantity in estimates.values else None
+    if truth is None or ends is None:
         return None
-    if f"{quantity}_lower" in values and f"{quantity}_upper" in values:
-        inside = (values[f"{quantity}_lower"] <= truth) & (truth <= values[f"{quantity}_upper"])
-    elif quantity in estimates.std:
-        inside = np.abs(values[quantity] - truth) <= _NORMAL_95 * estimates.std[quantity]
-    else:
-        return None
+    inside = (ends[0] <= truth) & (truth <= ends[1])
     used = np.isfinite(truth) & (log.time - log.time[0] >= settle)
     return int(np.sum(inside & used)), int(np.sum(used))
 

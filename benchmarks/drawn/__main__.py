@@ -1,6 +1,6 @@
 """Whether stated uncertainties hold on drives that nobody chose: roads, driving and cars drawn at random.
 
-Run from the project's root: python -m benchmarks.drawn [--drives 40] [--save]
+Run from the project's root: python -m benchmarks.drawn [--drives 30] [--save]
 
 The drives of the accuracy benchmark are smooth and level across, and each stands for one difficulty. Here
 each has a road of its own (grade, bank, bends, unevenness of ISO 8608 class A to C, pieces of friction from
@@ -18,6 +18,7 @@ from textwrap import fill
 from typing import NamedTuple
 
 import numpy as np
+from benchmarks.accuracy.measures import interval
 from benchmarks.accuracy.progress import shown
 from benchmarks.accuracy.run import without
 from benchmarks.accuracy.scenarios import SATELLITE, VEHICLES
@@ -38,7 +39,6 @@ _RESULTS = Path(__file__).parent.parent / "results" / "drawn.md"
 ESTIMATORS = ("joint", "tfobe", "two-stage", "friction-ukf", "lm-aekf")
 _BUS, _RECEIVER = "bus", "receiver"
 _OF_ROAD = ("grade", "bank")  # the mean over a second counts: what is shorter is unevenness
-_NORMAL_95 = 1.959964
 _APART = 1000  # between the seeds of two vehicles
 _HOW = (
     "`python -m benchmarks.drawn --save`: {count} drives of {seconds:.0f} s each of {vehicles}; the "
@@ -71,18 +71,17 @@ def rows(said: Estimates, log: Log) -> dict[str, Row]:
     found = {}
     for quantity in (q for q in said.values if not is_bound(q)):
         truth = reference(quantity, log.channels)
-        if truth is None:
+        ends = interval(said, quantity)
+        if truth is None or ends is None:
             continue
         if quantity in _OF_ROAD:
             truth = moving_mean(truth, log.time, 1.0)
         values, std = said.values[quantity], said.std[quantity]
-        low = said.values.get(f"{quantity}_lower", values - _NORMAL_95 * std)
-        high = said.values.get(f"{quantity}_upper", values + _NORMAL_95 * std)
         used = np.isfinite(truth)
         told = presented(quantity, values)
         squared = (told - presented(quantity, truth)) ** 2
         variance = (presented(quantity, values + std) - told) ** 2
-        inside, above = (low <= truth) & (truth <= high), low <= truth
+        inside, above = (ends[0] <= truth) & (truth <= ends[1]), ends[0] <= truth
         found[quantity] = Row(*(float(np.mean(part[used])) for part in (squared, variance, inside, above)))
     return found
 
@@ -139,7 +138,7 @@ def page(found: dict[tuple[str, str, str], list[Row]], count: int) -> str:
 def main() -> None:
     """Measure, and print or save."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.drawn", description=__doc__)
-    parser.add_argument("--drives", type=int, default=40, help="of each vehicle")
+    parser.add_argument("--drives", type=int, default=30, help="of each vehicle")
     parser.add_argument("--save", action="store_true", help=f"write {_RESULTS.name}")
     given = parser.parse_args()
     if given.drives < 1:
