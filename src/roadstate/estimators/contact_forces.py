@@ -153,8 +153,8 @@ class ForceMeter(eqx.Module):
         self._tells_all = self.torque_of is not None and all(f"brake_torque_{w}" in available for w in WHEELS)
         self.channels = () if self._traction is None else self._traction.channels
         self.car = SevenDofForces.from_vehicle(vehicle)
-        driven = {"front": (1, 1, 0, 0), "rear": (0, 0, 1, 1), "all": (1, 1, 1, 1)}[vehicle.driveline.driven]
-        self.driven = jnp.asarray(np.array(driven) / sum(driven))
+        driven = np.array(vehicle.driveline.drives)
+        self.driven = jnp.asarray(driven / driven.sum())
         brakes = vehicle.brakes
         self._braked = None
         if brakes is not None:

@@ -122,8 +122,8 @@ class ForceObserver(eqx.Module):
         self._lean = jnp.asarray(1 + GRAVITY * np.array([body.pitch_gradient, body.roll_gradient, 0.0]))
         self._accel_noise = leaf(sensors.accel.noise_density)
         self._sample_std = jnp.asarray(np.array([sensors.yaw_rate.noise, sensors.wheel_speed.noise]))
-        driven = {"front": (1, 1, 0, 0), "rear": (0, 0, 1, 1), "all": (1, 1, 1, 1)}[vehicle.driveline.driven]
-        self._driven = jnp.asarray(np.array(driven) / sum(driven))
+        driven = np.array(vehicle.driveline.drives)
+        self._driven = jnp.asarray(driven / driven.sum())
         self._largest_torque = leaf(0.7 * vehicle.mass * GRAVITY * vehicle.wheels.radius)
         self._unseen = jnp.asarray(np.array([prior.drag_relative, sensors.accel.bias / GRAVITY]))
 

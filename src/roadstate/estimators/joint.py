@@ -269,7 +269,7 @@ class Joint(Estimator[JointState]):
         rolls = jnp.where(jnp.any(seen.is_fresh[SPIN]), contact.rolling, speed)
         against = self._against(state.against, sample, seen, rolls, speed, forces.accel[0])
         contradicted = jnp.where(jnp.abs(rolls - speed) > _WRONG, state.against + dt / _ROLLED, 0.0)
-        against = jnp.where(contact.rolls > 0, contradicted, against)
+        against = jnp.where(contact.rolls, contradicted, against)
         lost = (against >= _CONFIRMED) | turned | (jnp.abs(along.gaussian.mean[SLOPE]) > _STEEPEST)
         # what was learnt from a sensor that lies may be wrong
         spoilt = jnp.any(found & (GROUP != YAW)) | self._freezes(state, held, raw) | lost

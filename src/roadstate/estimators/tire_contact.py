@@ -59,7 +59,7 @@ class ContactState(NamedTuple):
         racing: (4,) m/s² by which wheels outran the car lately.
         together: s for which all wheels have agreed on a speed and its change, or on standing still.
         rolling: m/s that wheels tell which nothing drives or brakes, or else the one that slips least.
-        rolls: s for which the former have agreed.
+        rolls: whether it is the former, and they agree.
     """
 
     angle: Float[Array, " 2"]
@@ -69,7 +69,7 @@ class ContactState(NamedTuple):
     racing: Float[Array, " 4"]
     together: Float[Array, ""]
     rolling: Float[Array, ""]
-    rolls: Float[Array, ""]
+    rolls: Bool[Array, ""]
 
 
 class TireContact(eqx.Module):
@@ -86,7 +86,6 @@ class TireContact(eqx.Module):
     """
 
     driven: tuple[bool, ...] = eqx.field(static=True)
-
     radius: Float[Array, ""]
     noise: Float[Array, ""]
     slip_stiffness: Float[Array, ""]
@@ -95,8 +94,8 @@ class TireContact(eqx.Module):
     half_track: Float[Array, " 4"]
 
     def __init__(self, vehicle: Vehicle) -> None:
-        geometry, tires, axles = vehicle.geometry, vehicle.tires, vehicle.driveline.driven
-        self.driven = tuple(axles in (axle, "all") for axle in ("front", "front", "rear", "rear"))
+        geometry, tires = vehicle.geometry, vehicle.tires
+        self.driven = vehicle.driveline.drives
         self.radius = leaf(vehicle.wheels.radius)
         self.noise = leaf(vehicle.wheels.radius * vehicle.sensors.wheel_speed.noise)
         self.slip_stiffness, self.relaxation = leaf(tires.slip_stiffness), leaf(tires.relaxation_length)
@@ -108,7 +107,7 @@ class TireContact(eqx.Module):
         """Straight ahead and rolling."""
         two, four = jnp.zeros(2), jnp.zeros(4)
         zero = jnp.zeros(())
-        return ContactState(two, two, four, four, four, zero, zero, zero)
+        return ContactState(two, two, four, four, four, zero, zero, jnp.zeros((), bool))
 
     def slips(self, along: Array, load: Array) -> Float[Array, " 4"]:
         """(4,) what forces F_x (4,) under loads (4,), N, make wheels slip as long as that is linear."""
@@ -181,7 +180,6 @@ class TireContact(eqx.Module):
         free, rolling_speed, sound = self._free(rim, told & (racing < _CALM), forces)
         apart = jnp.maximum(jnp.abs(rim - rolling_speed) - _RUNAWAY[0], 0.0)
         away = jnp.where(sound, jnp.where(free, 0.0, jnp.maximum(away, apart)), away)
-        rolls = jnp.where(sound, state.rolls + dt, 0.0)
         beyond = (speed - rim) * jnp.sign(bears)
         bounds = (beyond > _RUNAWAY[0]) & (jnp.abs(bears) > _BEARS) & (spread < ANY)
         bounds = bounds & (jnp.abs(rim) > _DEAD_BAND[0])
@@ -195,7 +193,7 @@ class TireContact(eqx.Module):
         )
         return (
             state._replace(
-                racing=racing, together=together, rolling=jnp.where(sound, rolling_speed, least), rolls=rolls
+                racing=racing, together=together, rolling=jnp.where(sound, rolling_speed, least), rolls=sound
             ),
             jnp.where(seen.is_fresh[SPIN], rim, jnp.nan),
             std,

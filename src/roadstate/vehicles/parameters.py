@@ -124,6 +124,12 @@ class Driveline(Section):
     """Inertia of what turns at engine speed: crankshaft, flywheel, clutch or converter"""
 
     @property
+    def drives(self) -> tuple[bool, bool, bool, bool]:
+        """Whether a drive acts on each wheel, FL, FR, RL, RR."""
+        front, rear = self.driven != "rear", self.driven != "front"
+        return front, front, rear, rear
+
+    @property
     def total_ratios(self) -> tuple[float, ...]:
         """Engine speed over wheel speed in each forward gear; empty where no ratios are given."""
         return tuple(ratio * self.final_drive for ratio in self.gear_ratios)
