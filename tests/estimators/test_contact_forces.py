@@ -11,7 +11,7 @@ from jaxtyping import Array
 from roadstate.core import WHEELS
 from roadstate.estimators.axle_forces import AxleForces
 from roadstate.estimators.contact_forces import ForceMeter, ForceMeterState
-from roadstate.estimators.intake import ACCEL_X, SPIN, Signals
+from roadstate.estimators.intake import ACCEL_X, ACCEL_Y, SPIN, Signals
 from roadstate.estimators.load_transfer import Lean
 from roadstate.vehicles import Vehicle, load_vehicle
 
@@ -226,3 +226,60 @@ def test_brakes_that_no_channel_tells_of_are_shared_as_the_file_says(vehicle: Ve
 def test_a_car_that_stands_uphill_is_not_held_by_its_drive_alone(vehicle: Vehicle) -> None:
     along = np.asarray(untold(vehicle, 0.8, 0.0).along)
     assert along[2:].sum() > 0.25 * along.sum() > 0
+
+
+def test_a_car_that_brakes_hold_keeps_what_its_tires_stopped_with(vehicle: Vehicle) -> None:
+    """Braked at 3 m/s² to a stop uphill: front and rear go on pulling against each other."""
+    meter = ForceMeter(vehicle, [f"{kind}_torque_{w}" for kind in ("drive", "brake") for w in WHEELS])
+    radius, zero, state = vehicle.wheels.radius, jnp.zeros(8), meter.init()
+    braked = {"f": 0.35 * vehicle.mass * 3.0 * radius, "r": 0.15 * vehicle.mass * 3.0 * radius}
+    apart, total = [], []
+    for speed, accel, share in [(1.0, -3.0, 1.0)] * 60 + [(0.0, 1.0, 1.0)] * 60 + [(0.0, 1.0, 0.0)] * 60:
+        value = zero.at[ACCEL_X].set(accel).at[SPIN].set(speed / radius)
+        rate = zero.at[SPIN].set(accel / radius) if speed else zero
+        signals = Signals(
+            value,
+            zero,
+            jnp.ones(8, bool),
+            value,
+            rate,
+            zero,
+            zero,
+            value,
+            rate,
+            jnp.zeros(2),
+            jnp.zeros(8, bool),
+        )
+        sample = {c: jnp.asarray(share * braked[c[-2]] if "brake" in c else 0.0) for c in meter.channels}
+        slope, step = jnp.asarray(0.0 if speed else 1.0), jnp.asarray(STEP)
+        state, forces = meter.read(state, sample, signals, jnp.asarray(speed), jnp.zeros(2), slope, step)
+        front, rear = np.asarray(forces.now.along)
+        apart.append(front - rear)
+        total.append(front + rear)
+    moves, stands, let_go = apart[50], apart[119], apart[179]
+    assert total[119] == pytest.approx(vehicle.mass * 1.0, rel=0.05)
+    assert moves == pytest.approx(-0.4 * vehicle.mass * 3.0, rel=0.1)
+    assert stands == pytest.approx(moves, rel=0.1)
+    assert let_go == pytest.approx(vehicle.mass * 1.0, rel=0.05)  # what is left to hold it is the drive
+
+
+@pytest.mark.parametrize(("shaken", "left"), [((0.5, 0.5), 0.2), ((0.0, 0.5), 1.0)])
+def test_what_a_rough_road_shakes_is_no_lateral_force(
+    vehicle: Vehicle, shaken: tuple[float, float], left: float
+) -> None:
+    """.4 m/s² at 5 Hz, on 2 m/s² that last; where only the body's side is shaken, somebody steers swiftly."""
+    meter, zero, state, told = ForceMeter(vehicle, []), jnp.zeros(8), None, []
+    for k in range(200):
+        accel = 2.0 + 0.4 * np.sin(2 * np.pi * 5.0 * k * STEP)
+        value = zero.at[ACCEL_Y].set(accel).at[SPIN].set(SPEED / vehicle.wheels.radius)
+        shaking, fresh = jnp.asarray(shaken), jnp.ones(8, bool)
+        signals = Signals(
+            value, zero, fresh, value, zero, zero, zero, value, zero, shaking, jnp.zeros(8, bool)
+        )
+        now = meter.init() if state is None else state
+        speed, still = jnp.asarray(SPEED), jnp.zeros(())
+        state, forces = meter.read(now, {}, signals, speed, jnp.zeros(2), still, jnp.asarray(STEP))
+        told.append(float(jnp.sum(forces.now.across)) / vehicle.mass)
+    last = np.array(told[100:])
+    assert last.mean() == pytest.approx(2.0, rel=0.03)
+    assert last.std() / (0.4 / 2**0.5) == pytest.approx(left, abs=0.1)

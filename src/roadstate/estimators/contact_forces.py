@@ -51,6 +51,10 @@ _APART = 1.0  # m/s² by which an accelerometer that is not shaken differs from 
 NOISY = 0.012
 """Share of an axle's load by which sensors' noise makes its force lead a low pass."""
 _STIRRED = 0.15  # s for which what stirs up wheels and brakes goes on
+_HOLDS = 0.15  # m/s² that brakes slow the car down by, from which on they hold one that stands
+# an axle's F_y over its load up to which it is low-passed, as a share of what a rough road shakes the car by
+# both ways, and at the least; and s over which
+_BOUNCES, _STEADY, _BOUNCE_TIME = 8.0, 1e-3, 0.2
 _SPUN = 3.0  # σ of the noise of a wheel's acceleration from which on it counts
 _LARGEST = 0.7  # of the weight: no wheel's torque makes more
 
@@ -64,9 +68,10 @@ class ForceMeterState(NamedTuple):
         age: s since a drive torque came.
         explained: specific force that torques and air resistance made at the last sample, m/s²; the
             intensity of its error, m/s²/√Hz; and by how much the accelerometer has told more of late, m/s².
-        calm: (2, 2) F_x of the axles without their wheels' noise, as accelerometer and torques and as torques
-            alone tell it, N: the current ones low-passed.
+        calm: (3, 2) F_x of the axles without their wheels' noise, as accelerometer and torques and as torques
+            alone tell it, and F_y without what a rough road shakes, N: the current ones low-passed.
         stir: (2, 2) as :class:`~roadstate.estimators.axle_forces.AxleForces`.
+        held: (4,) F_x of the wheels when brakes last let the car move, N.
         lean: of the body, that shifts load from axle to axle.
     """
 
@@ -75,8 +80,9 @@ class ForceMeterState(NamedTuple):
     torque: Float[Array, " 8"]
     age: Float[Array, ""]
     explained: Float[Array, " 3"]
-    calm: Float[Array, "2 2"]
+    calm: Float[Array, "3 2"]
     stir: Float[Array, "2 2"]
+    held: Float[Array, " 4"]
     lean: Lean
 
 
@@ -94,7 +100,8 @@ class _Scene(NamedTuple):
     felt: Bool[Array, ""]
     unknown: Bool[Array, ""]
     may_brake: Bool[Array, ""]
-    stands: Bool[Array, ""]
+    is_held: Bool[Array, ""]
+    held: Float[Array, " 4"]
 
 
 class _Balance(NamedTuple):
@@ -175,8 +182,9 @@ class ForceMeter(eqx.Module):
             jnp.zeros(8),
             age,
             jnp.zeros(3),
+            jnp.zeros((3, 2)),
             jnp.zeros((2, 2)),
-            jnp.zeros((2, 2)),
+            jnp.zeros(4),
             Lean.upright(),
         )
 
@@ -241,6 +249,8 @@ class ForceMeter(eqx.Module):
         engine = jnp.maximum(drive.inertia - mass - jnp.sum(car.wheel_inertia) / radius**2, 0) * radius**2
         coefficient = car.rolling_resistance + car.rolling_resistance_speed * speed**2
         angle = jnp.clip(smooth[STEER], -0.9, 0.9)
+        brakes_hold = jnp.sum(drive.brake_torque) > _HOLDS * mass * radius
+        brakes_hold = brakes_hold | unknown | (drive.age >= STALE)
         scene = _Scene(
             load=load,
             inertia=car.wheel_inertia + engine * self.driven,
@@ -253,17 +263,23 @@ class ForceMeter(eqx.Module):
             felt=signals.age[ACCEL_X] < STALE,
             unknown=unknown,
             may_brake=may_brake,
-            stands=jnp.abs(speed) < STANDSTILL_SPEED,
+            is_held=brakes_hold & (jnp.abs(speed) < STANDSTILL_SPEED),
+            held=state.held,
         )
         slow = self._balance(accel, signals.rate, torque, scene)
         sharp = self._freed(signals.now, lean.ahead(SMOOTHING)) - accel_error
         fast = self._balance(sharp, signals.now_rate, fresh, scene)
         along, rest, blind = slow.along, slow.rest, slow.blind
+        held = jnp.where(scene.is_held, state.held, along)
         axles = by_axle(load)
-        current = jnp.stack([by_axle(fast.along), by_axle(fast.told)])
-        calm = state.calm + new * (current - state.calm)
-        swift = calm + damped(current - calm, NOISY * axles)
-        now = Current(swift[0], swift[1], fast.across, signals.now_rate[YAW_RATE])
+        current = jnp.stack([by_axle(fast.along), by_axle(fast.told), fast.across])
+        # anti-lock brakes shake a car along, swift steering across, but only a rough road both ways
+        bounces = _STEADY + _BOUNCES * jnp.min(signals.shaken) / GRAVITY
+        noise = jnp.stack([jnp.full_like(bounces, NOISY), jnp.full_like(bounces, NOISY), bounces])
+        share = jnp.stack([new, new, -jnp.expm1(-dt / _BOUNCE_TIME)])
+        calm = state.calm + share[:, None] * (current - state.calm)
+        swift = calm + damped(current - calm, noise[:, None] * axles)
+        now = Current(swift[0], swift[1], swift[2], signals.now_rate[YAW_RATE])
         ahead = jnp.abs(jnp.stack([current[0] - by_axle(along), fast.across - slow.across]))
         stir = jnp.maximum(ahead, state.stir * jnp.exp(-dt / _STIRRED))
         split = jnp.where(blind, _SPLIT_ERROR * jnp.max(jnp.abs(along)), 0.02 * jnp.abs(rest) * jnp.ones(4))
@@ -299,7 +315,7 @@ class ForceMeter(eqx.Module):
             is_brake_unknown=unknown,
         )
         told = jnp.stack([forces.explained, forces.intensity, apart])
-        return ForceMeterState(traction, brakes, torque, drive.age, told, calm, stir, lean), forces
+        return ForceMeterState(traction, brakes, torque, drive.age, told, calm, stir, held, lean), forces
 
     def _freed(self, signals: Float[Array, " 8"], lean: Lean) -> Float[Array, " 2"]:
         """Specific forces alone: signals are freed of the pitch that would last, not of this one."""
@@ -321,12 +337,14 @@ class ForceMeter(eqx.Module):
         rest = mass * (accel[0] + at.drag) - pull
         most = _LARGEST * mass * GRAVITY * radius
         share = jnp.abs(torque[:4]) + jnp.abs(torque[4:]) + 0.02 * most * self.driven
-        # brakes hold a car that stands, uphill, too
-        blind = at.unknown | ((at.may_brake | ~at.known) & (rest < 0)) | (at.stands & ~at.known)
+        blind = at.unknown | ((at.may_brake | ~at.known) & (rest < 0))
         share = jnp.where(at.known, share / jnp.sum(share), self.driven)
         braked = at.load / jnp.sum(at.load) if self._braked is None else self._braked
         share = jnp.where(blind, braked, share)
         along = told + jnp.where(at.felt, share * rest, 0.0) / turn
+        # wheels that brakes lock keep each tire distorted as it stopped, and what the car then swings back by
+        # distorts all alike
+        along = jnp.where(at.is_held, at.held + jnp.mean(along - at.held), along)
         # without what the wheels turn up beyond the car; the sum stays what the accelerometer tells
         spun = at.inertia * spun / radius
         steady = along + jnp.where(at.known, spun - share * jnp.sum(spun), 0.0)

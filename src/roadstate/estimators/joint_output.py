@@ -17,7 +17,6 @@ from roadstate.estimators.friction_bank import VIEWS
 from roadstate.estimators.intake import ACCEL_X, ACCEL_Y, SMOOTHING, STALE
 from roadstate.estimators.sideways import BANK, BIAS_Y, LEVER, SLOWEST, V_Y
 from roadstate.estimators.signals import STANDSTILL_SPEED
-from roadstate.estimators.tire_contact import SHAKEN
 from roadstate.linalg import root
 
 if TYPE_CHECKING:
@@ -31,7 +30,10 @@ _LEAD_ERROR = np.array([1.0, 0.7])
 _FITTED = 2.06  # white noise's variance after a fit, times its memory
 _SWIFT = np.array([0.3, 0.6]) ** 2  # 1σ² of what accelerometer and torques change by beyond a low pass's lag
 _LEAST_FORCE = 10.0  # N by which an axle without torque shares in what torques err
-_PARKED = 0.08  # of the load: with what brakes hold the axles of a car that stands against each other
+# 1σ of these over g, as a share of what a rough road shakes the accelerometers by: tires bear more and less
+# as they bounce, and the body passes on only a part of it
+_SHAKEN = (0.7, 1.8)
+_PARKED = 0.06  # of the load: with what brakes hold the axles of a car that stands against each other
 
 
 def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate:
@@ -82,7 +84,7 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
         tell("velocity_y", side[V_Y], side_std[V_Y])
         bank = jnp.arcsin(jnp.clip(side[BANK] / GRAVITY, -0.99, 0.99))
         tell("bank", bank, side_std[BANK] / (GRAVITY * jnp.cos(bank)))
-    shaken = jnp.asarray(SHAKEN, axles.dtype) * forces.shaken / GRAVITY
+    shaken = jnp.asarray(_SHAKEN, axles.dtype) * forces.shaken / GRAVITY
     for i, where in enumerate(("front", "rear")):
         load, along = axles[i], straight[i]
         rough = jnp.hypot(scale_std * along, jnp.hypot(_ROUGH[0], shaken[0]) * load)

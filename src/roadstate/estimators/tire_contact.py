@@ -44,10 +44,9 @@ _BOUND = 0.07  # of what a wheel bounds the speed by: 1σ of what it slips itsel
 _BEARS = 0.03  # force over load from which on its sign is known
 _ROLLS = 0.15  # m/s²: no brakes are applied that slow the car down by less
 _LEAST_STEP = 1e-3  # s
-SHAKEN = (0.7, 2.2)
-"""1σ of an axle's force along and across over g and its load, as a share of what a rough road shakes the
-accelerometers by: tires bear more and less as they bounce, and the body passes on only a part of it."""
-_BOTH_WAYS = 1.5  # by how much more than the lesser of the two a rough road shakes
+# 1σ of forces along and across, low-passed, over g and load, as a share of the lesser of what a rough road
+# shakes the accelerometers by both ways: tires bear more and less as they bounce
+_SHAKEN = (1.05, 3.3)
 
 
 class ContactState(NamedTuple):
@@ -270,7 +269,7 @@ class TireContact(eqx.Module):
         unknown = jnp.where(stale, jnp.inf, 0.0)
         steered = jnp.where(seen.age[STEER] < STALE, 0.0, jnp.asarray([jnp.inf, 0.0]))
         # anti-lock brakes shake a car along, swift steering across, but only a rough road both ways
-        shaken = jnp.asarray(SHAKEN, load.dtype) * _BOTH_WAYS * jnp.min(forces.shaken) / GRAVITY
+        shaken = jnp.asarray(_SHAKEN, load.dtype) * jnp.min(forces.shaken) / GRAVITY
         transfer = ((load[0::2] - load[1::2]) / axles) ** 2
         touch = Touch(
             speed=speed,
