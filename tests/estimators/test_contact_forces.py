@@ -24,11 +24,17 @@ def vehicle() -> Vehicle:
 
 
 def balance(
-    vehicle: Vehicle, accel: float, spin_rate: list[float], torque: float, slope: float = 0.0
+    vehicle: Vehicle,
+    accel: float,
+    spin_rate: list[float],
+    torque: float,
+    slope: float = 0.0,
+    gear: float = 0.0,
 ) -> AxleForces:
-    """At 20 m/s, straight on, each front wheel driven by a torque; everything as it has long been."""
-    channels = [f"drive_torque_{w}" for w in WHEELS]
-    meter = ForceMeter(vehicle, channels)
+    """At 20 m/s, straight on, each front wheel driven by a torque, or both by an engine's in a gear;
+    everything as it has long been."""
+    wheels = [f"drive_torque_{w}" for w in WHEELS]
+    meter = ForceMeter(vehicle, ["engine_torque", "gear_ratio"] if gear else wheels)
     zero = jnp.zeros(8)
     value = zero.at[ACCEL_X].set(accel).at[SPIN].set(SPEED / vehicle.wheels.radius)
     rate = zero.at[SPIN].set(jnp.asarray(spin_rate) / vehicle.wheels.radius)
@@ -36,6 +42,8 @@ def balance(
         value, zero, jnp.ones(8, bool), value, rate, zero, zero, value, rate, jnp.zeros(2), jnp.zeros(8, bool)
     )
     sample = {c: jnp.asarray(torque if c[-2] == "f" else 0.0) for c in meter.channels}
+    if gear:
+        sample = {"engine_torque": jnp.asarray(torque), "gear_ratio": jnp.asarray(gear)}
     leaning = Lean(jnp.asarray(accel), jnp.zeros(()), jnp.asarray(accel))
     state = meter.init()._replace(lean=leaning)
     _, forces = meter.read(
@@ -64,6 +72,19 @@ def test_a_wheel_that_spins_up_keeps_its_torque(vehicle: Vehicle) -> None:
     held = float(balance(vehicle, 0.0, [0.0] * 4, 1000.0).now.told[0])
     spent = 2 * vehicle.wheels.inertia * 300.0 / vehicle.wheels.radius**2
     assert held - told == pytest.approx(spent, rel=0.05)
+
+
+def test_an_engine_turns_with_the_mean_of_its_wheels(vehicle: Vehicle) -> None:
+    """One driven wheel leaves the ground and spins up as the other slows down: no engine takes part in it."""
+    gear, radius, line = 3.62, vehicle.wheels.radius, vehicle.driveline
+    still, apart, both = (
+        np.asarray(balance(vehicle, 0.0, [*rims, 0.0, 0.0], 0.0, gear=gear).told)
+        for rims in ((0.0, 0.0), (300.0, -300.0), (300.0, 300.0))
+    )
+    own = vehicle.wheels.inertia * 300.0 / radius**2
+    np.testing.assert_allclose((apart - still)[:2], [-own, own], rtol=0.05)
+    turned = line.engine_inertia * (gear * line.final_drive) ** 2 * 300.0 / radius**2
+    np.testing.assert_allclose((both - still)[:2], -own - 0.5 * turned, rtol=0.05)
 
 
 def test_wheels_turn_up_with_the_car_and_not_with_the_slope(vehicle: Vehicle) -> None:

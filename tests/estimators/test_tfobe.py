@@ -13,6 +13,7 @@ from roadstate.estimators import build
 from roadstate.estimators.force_observer import ForceObserver
 from roadstate.estimators.kmbe import KMBE
 from roadstate.estimators.tfobe import TFOBE
+from roadstate.estimators.tire_forces import SPIN, ForceInput
 from roadstate.papers.tfobe_printed import PrintedSlope, PrintedTFOBE
 from roadstate.run import scan
 from roadstate.vehicles import SevenDofForces, Vehicle
@@ -118,6 +119,31 @@ class TestLowerLayer:
         got = observer.model.gain(jnp.asarray(steer)) @ jnp.concatenate([along, axles])
         expected = [motion.accel_x, motion.accel_y, motion.yaw_accel]
         np.testing.assert_allclose(got, np.array([float(e) for e in expected]), rtol=1e-10, atol=1e-10)
+
+    @pytest.mark.parametrize("engine", [0.0, 20.0])
+    def test_wheels_spin_up_with_the_engine_they_share(self, observer: ForceObserver, engine: float) -> None:
+        """I_w ω̇_i + E d_i Σ d_j ω̇_j = T_i, solved as a matrix."""
+        model, own = observer.model, 1.2
+        share, torque = np.array([0.5, 0.5, 0.0, 0.0]), np.array([300.0, 100.0, -20.0, 40.0])
+        zero, four = jnp.zeros(()), jnp.zeros(4)
+        u = ForceInput(
+            gain=jnp.zeros((3, 6)),
+            drag=zero,
+            torque=jnp.asarray(torque),
+            drive_torque=four,
+            brake_torque=four,
+            accel_x=zero,
+            rolling=four,
+            inertia=jnp.asarray(own + engine * share),
+            engine=jnp.asarray(engine * share),
+            torque_noise=four,
+            force_noise=four,
+            jerk=zero,
+            sensor_std=jnp.ones(7),
+        )
+        spun = np.asarray(model.f(jnp.zeros(len(model.states)), u, jnp.asarray(0.01)))[SPIN] / 0.01
+        matrix = own * np.eye(4) + engine * np.outer(share, share)
+        np.testing.assert_allclose(spun, np.linalg.solve(matrix, torque), rtol=1e-9)
 
 
 class TestGrade:

@@ -85,3 +85,8 @@ def steered_cosines(cosine: Float[Array, ""]) -> Float[Array, " 4"]:
 def by_axle(wheels: Float[Array, " 4"]) -> Float[Array, " 2"]:
     """Sums over the wheels of the front and of the rear axle."""
     return wheels.reshape(2, 2).sum(axis=1)
+
+
+def damped(value: Float[Array, ...], noise: Float[Array, ...]) -> Float[Array, ...]:
+    """``value`` where it exceeds ``noise`` by far, next to nothing where it is less."""
+    return value**3 / (value**2 + noise**2)

@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float
 from roadstate.core.channels import WHEELS
 from roadstate.core.constants import GRAVITY
 from roadstate.core.errors import InputError
-from roadstate.estimators.axle_forces import AxleForces, Current, by_axle, steered_cosines
+from roadstate.estimators.axle_forces import AxleForces, Current, by_axle, damped, steered_cosines
 from roadstate.estimators.base import Sample, leaf
 from roadstate.estimators.intake import (
     ACCEL_X,
@@ -90,7 +90,7 @@ class _Scene(NamedTuple):
     """What a balance of forces needs beside accelerations and torques."""
 
     load: Float[Array, " 4"]
-    inertia: Float[Array, " 4"]
+    engine: Float[Array, ""]
     rolling: Float[Array, " 4"]
     drag: Float[Array, ""]
     slope: Float[Array, ""]
@@ -116,11 +116,6 @@ class _Balance(NamedTuple):
     explained: Float[Array, ""]
     steady: Float[Array, " 4"]
     blind: Bool[Array, ""]
-
-
-def damped(value: Float[Array, ...], noise: Float[Array, ...]) -> Float[Array, ...]:
-    """``value`` where it exceeds ``noise`` by far, next to nothing where it is less."""
-    return value**3 / (value**2 + noise**2)
 
 
 class ForceMeter(eqx.Module):
@@ -253,7 +248,7 @@ class ForceMeter(eqx.Module):
         brakes_hold = brakes_hold | unknown | (drive.age >= STALE)
         scene = _Scene(
             load=load,
-            inertia=car.wheel_inertia + engine * self.driven,
+            engine=engine,
             rolling=coefficient * load * direction,
             drag=drag,
             slope=slope,
@@ -270,7 +265,7 @@ class ForceMeter(eqx.Module):
         sharp = self._freed(signals.now, lean.ahead(SMOOTHING)) - accel_error
         fast = self._balance(sharp, signals.now_rate, fresh, scene)
         along, rest, blind = slow.along, slow.rest, slow.blind
-        held = jnp.where(scene.is_held, state.held, along)
+        kept = jnp.where(scene.is_held, state.held, along)
         axles = by_axle(load)
         current = jnp.stack([by_axle(fast.along), by_axle(fast.told), fast.across])
         # anti-lock brakes shake a car along, swift steering across, but only a rough road both ways
@@ -315,7 +310,7 @@ class ForceMeter(eqx.Module):
             is_brake_unknown=unknown,
         )
         told = jnp.stack([forces.explained, forces.intensity, apart])
-        return ForceMeterState(traction, brakes, torque, drive.age, told, calm, stir, held, lean), forces
+        return ForceMeterState(traction, brakes, torque, drive.age, told, calm, stir, kept, lean), forces
 
     def _freed(self, signals: Float[Array, " 8"], lean: Lean) -> Float[Array, " 2"]:
         """Specific forces alone: signals are freed of the pitch that would last, not of this one."""
@@ -328,7 +323,7 @@ class ForceMeter(eqx.Module):
         spun = rate[SPIN] - moves
         # a wheel turns up as the car does, or a good deal more: the rest is noise of its speed
         spun = jnp.where(at.felt, damped(spun, self._spin_noise), spun)
-        told = (torque[:4] - torque[4:] - at.inertia * (moves + spun)) / radius - at.rolling
+        told = (torque[:4] - torque[4:] - self._turns_up(moves + spun, at.engine)) / radius - at.rolling
         # wheels that nothing drives need no torque to be told, unless it is a brake's
         told = jnp.where(at.known | ((self.driven == 0) & at.felt), told, 0.0)
         turn = steered_cosines(at.cosine)
@@ -346,10 +341,15 @@ class ForceMeter(eqx.Module):
         # distorts all alike
         along = jnp.where(at.is_held, at.held + jnp.mean(along - at.held), along)
         # without what the wheels turn up beyond the car; the sum stays what the accelerometer tells
-        spun = at.inertia * spun / radius
+        spun = self._turns_up(spun, at.engine) / radius
         steady = along + jnp.where(at.known, spun - share * jnp.sum(spun), 0.0)
         across = self._across(along, accel[1], rate[YAW_RATE], at.cosine, at.sine)
         return _Balance(told, along, across, rest, pull / mass - at.drag, steady, blind)
+
+    def _turns_up(self, spin: Array, engine: Array) -> Float[Array, " 4"]:
+        """(4,) torques for angular accelerations of the wheels; differentials turn an ``engine`` of so much
+        inertia, kg·m² at the wheels, with their mean."""
+        return self.car.wheel_inertia * spin + engine * self.driven * jnp.sum(self.driven * spin)
 
     @property
     def _wheelbase(self) -> Array:

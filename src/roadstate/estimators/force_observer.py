@@ -190,6 +190,7 @@ class ForceObserver(eqx.Module):
             accel_x=state.smooth[8],
             rolling=rolling,
             inertia=car.wheel_inertia + engine * self._driven,
+            engine=engine * self._driven,
             torque_noise=noise,
             force_noise=jnp.abs(jump) / (radius * _SMOOTHING**0.5),
             jerk=jnp.where(jnp.abs(speed) < _CRAWL, _JERK[1], _JERK[0]),

@@ -33,6 +33,7 @@ _ACCEL_SCALE = 0.01  # 1σ of the accelerometer's scale
 _LATERAL_JERK = 2.0  # m/s²/√s: how specific force across wanders
 _APART = 0.5  # m/s²/√s: how a wheel's longitudinal force wanders by itself, over the car's mass
 _SPIN = 0.3  # m/s²/√Hz at a wheel's rim: unevenness, brake judder, what the torques do not tell
+_LEAST_INERTIA = 1e-6  # kg·m²
 _YAW = 0.3  # rad/s²/√Hz: moments that the axles' lateral forces do not make
 
 
@@ -48,6 +49,7 @@ class ForceInput(NamedTuple):
         accel_x: longitudinal specific force, smoothed, m/s²: what κ multiplies.
         rolling: (4,) rolling moment per coefficient, with the sign of the speed, N·m.
         inertia: (4,) of the wheels, with what turns with them, kg·m².
+        engine: (4,) the part of it that differentials turn with the driven wheels' mean, kg·m².
         torque_noise: (4,) intensity of what is not known of the torques, N·m/√Hz.
         force_noise: (4,) how the longitudinal forces wander as torques change, N/√s.
         jerk: how they wander together, per mass, m/s²/√s.
@@ -62,6 +64,7 @@ class ForceInput(NamedTuple):
     accel_x: Float[Array, ""]
     rolling: Float[Array, " 4"]
     inertia: Float[Array, " 4"]
+    engine: Float[Array, " 4"]
     torque_noise: Float[Array, " 4"]
     force_noise: Float[Array, " 4"]
     jerk: Float[Array, ""]
@@ -71,10 +74,11 @@ class ForceInput(NamedTuple):
 class TireForceModel(StateSpaceModel):
     """x = [b, κ, δf₀, γ_d, γ_b, r, ω (4), F_x (4), F_y front, F_y rear], linear for what is known.
 
-    I_w ω̇_i = T_i + γ_d T̄_drive,i − γ_b T̄_brake,i − R_w F_x,i − δf₀ F_z,i R_w, the yaw equation, and forces
-    that are random walks (paper 002 eqs. 26–31, with changes). v_x comes from the upper layer and v_y is not
-    needed, so that a slope cannot make them drift. Lateral forces are those of axles, since nothing tells the
-    two sides apart; each wheel carries half, which matters to the yaw moment only by its sine of the steer.
+    I_w ω̇_i = T_i + γ_d T̄_drive,i − γ_b T̄_brake,i − R_w F_x,i − δf₀ F_z,i R_w, less what an engine takes that
+    turns with the mean of the driven wheels; the yaw equation; and forces that are random walks (paper 002
+    eqs. 26–31, with changes). v_x comes from the upper layer and v_y is not needed, so that a slope cannot
+    make them drift. Lateral forces are those of axles, since nothing tells the two sides apart; each wheel
+    carries half, which matters to the yaw moment only by its sine of the steer.
 
     Forces are those of a car of exactly the file's mass: what the torques are off by *in proportion to the
     mass* is the gain γ_d, and γ_b for the brakes; δf₀ is the error of the rolling resistance. b and κ are
@@ -139,7 +143,7 @@ class TireForceModel(StateSpaceModel):
         slow = x[:SLOW] * jnp.exp(-dt / jnp.asarray(_TIMES, x.dtype))
         turning = jnp.sum(u.gain[2] * x[FORCE_X.start :], keepdims=True)
         torque = u.torque + x[3] * u.drive_torque - x[4] * u.brake_torque - x[2] * u.rolling
-        spin = (torque - self.vehicle.wheel_radius * x[FORCE_X]) / u.inertia
+        spin = _spun_up(torque - self.vehicle.wheel_radius * x[FORCE_X], u)
         moved = x[YAW_RATE : SPIN.stop] + dt * jnp.concatenate([turning, spin])
         return jnp.concatenate([slow, moved, x[FORCE_X.start :]])
 
@@ -175,3 +179,12 @@ class TireForceModel(StateSpaceModel):
         fast = jnp.asarray([0.5] + [100.0] * 4)
         weights = jnp.asarray([0.1] * 4 + [0.2] * 2) * (self.vehicle.mass * GRAVITY)
         return Gaussian(jnp.zeros(_COUNT), jnp.diag(jnp.concatenate([self.slow_std, fast, weights])))
+
+
+def _spun_up(torque: Float[Array, " 4"], u: ForceInput) -> Float[Array, " 4"]:
+    """(4,) rad/s² that torques make of wheels, some of which share an engine: (diag I + E dᵀ)⁻¹ T by Sherman
+    and Morrison, d the share of each in the engine's speed."""
+    own = u.inertia - u.engine
+    share = u.engine / jnp.maximum(jnp.sum(u.engine), _LEAST_INERTIA)
+    alone, pulled = torque / own, u.engine / own
+    return alone - pulled * jnp.sum(share * alone) / (1 + jnp.sum(share * pulled))
