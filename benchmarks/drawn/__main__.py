@@ -26,7 +26,7 @@ from benchmarks.drawn.drives import SECONDS, drawn
 from benchmarks.real_logs import moving_mean
 from numpy.typing import NDArray
 
-from roadstate.core import Estimates, Log, is_bound, reference
+from roadstate.core import WHEELS, Estimates, Log, is_bound, reference
 from roadstate.core.numerics import use_compilation_cache
 from roadstate.core.tabular import atomic_path
 from roadstate.estimators import build
@@ -37,15 +37,27 @@ from roadstate.vehicles import Vehicle, load_vehicle
 Array = NDArray[np.float64]
 _RESULTS = Path(__file__).parent.parent / "results" / "drawn.md"
 ESTIMATORS = ("joint", "tfobe", "two-stage", "friction-ukf", "lm-aekf")
-_BUS, _RECEIVER = "bus", "receiver"
+_BRAKES = tuple(f"brake_{kind}_{w}" for kind in ("torque", "pressure") for w in WHEELS)
+_AT_WHEELS = (*(f"drive_torque_{w}" for w in WHEELS), *_BRAKES)
+_ENGINE = ("engine_torque", "engine_speed", "gear_ratio", "brake")
+_BUS = "bus"
+LACKING = {
+    _BUS: SATELLITE,
+    "receiver": (),
+    "engine": (*SATELLITE, *_AT_WHEELS),
+    "no torques": (*SATELLITE, *_AT_WHEELS, *_ENGINE),
+}
+"""Which channels each kind of log lacks; those but the first are read by ``joint`` only."""
 _OF_ROAD = ("grade", "bank")  # the mean over a second counts: what is shorter is unevenness
 _APART = 1000  # between the seeds of two vehicles
 _HOW = (
     "`python -m benchmarks.drawn --save`: {count} drives of {seconds:.0f} s each of {vehicles}; the "
     "multibody plant with anti-lock and traction control, sensors `automotive`, files off by 5 to 10 %. What "
-    "is drawn: `benchmarks/drawn/drives.py`. Inside: samples whose 95 % interval (of a peak friction: 5 % to "
-    "95 % bounds) holds the truth; then the share that nine in ten drives exceed. Of grade and bank the mean "
-    "over a second counts. Grade in per cent of slope; angles in rad, else SI units."
+    "is drawn: `benchmarks/drawn/drives.py`. Channels: `bus`, all that a car has; `receiver`, a satellite "
+    "receiver's besides; `engine`, an engine's torque, speed and gear and a brake switch instead of torques "
+    "at the wheels; `no torques`, none at all. Inside: samples whose 95 % interval (of a peak friction: 5 % "
+    "to 95 % bounds) holds the truth; then the share that nine in ten drives exceed. Of grade and bank the "
+    "mean over a second counts. Grade in per cent of slope; angles in rad, else SI units."
 )
 _COLUMNS = ("RMSE", "stated 1 σ", "inside", "of 9 in 10 drives", "lower bound holds")
 
@@ -111,8 +123,8 @@ def study(count: int) -> dict[tuple[str, str, str], list[Row]]:
                 logs.append(drive)
             for name in ESTIMATORS:
                 tell(f"{vehicle}: {name}", (2 * i + 1) * count, 2 * count * len(VEHICLES))
-                for channels in (_BUS, _RECEIVER) if name == ESTIMATORS[0] else (_BUS,):
-                    own = [without(log, SATELLITE if channels == _BUS else ()) for log, _ in logs]
+                for channels in LACKING if name == ESTIMATORS[0] else (_BUS,):
+                    own = [without(log, LACKING[channels]) for log, _ in logs]
                     built = [build(name, car, own[0].available) for _, car in logs]
                     for said, log in zip(batch(built, own), own, strict=True):
                         for quantity, row in rows(said, log).items():
@@ -130,7 +142,8 @@ def page(found: dict[tuple[str, str, str], list[Row]], count: int) -> str:
         "| quantity | channels | estimator | " + " | ".join(_COLUMNS) + " |",
         "|---|---|---|" + "---|" * len(_COLUMNS),
     ]
-    order = sorted(found, key=lambda key: (key[0], ESTIMATORS.index(key[2]), key[1]))
+    kinds = list(LACKING)
+    order = sorted(found, key=lambda key: (key[0], ESTIMATORS.index(key[2]), kinds.index(key[1])))
     lines += ["| " + " | ".join([*key, *cells(found[key])]) + " |" for key in order]
     return "\n".join(lines) + "\n"
 

@@ -87,6 +87,16 @@ def test_an_engine_turns_with_the_mean_of_its_wheels(vehicle: Vehicle) -> None:
     np.testing.assert_allclose((both - still)[:2], -own - 0.5 * turned, rtol=0.05)
 
 
+def test_what_a_wheel_gets_of_an_engine_is_less_sure_than_what_is_measured_there(vehicle: Vehicle) -> None:
+    engine = balance(vehicle, 0.0, [0.0] * 4, 100.0, gear=3.62)
+    share = 0.5 * 100.0 * 3.62 * vehicle.driveline.final_drive * vehicle.driveline.efficiency
+    force = share / vehicle.wheels.radius / np.asarray(engine.load)[0]
+    wheel = balance(vehicle, 0.0, [0.0] * 4, share)
+    more = np.asarray(engine.along_std) ** 2 - np.asarray(wheel.along_std) ** 2
+    assert more[0] ** 0.5 == pytest.approx(0.1 * force, rel=0.05)
+    assert more[2] == pytest.approx(0.0, abs=1e-6)
+
+
 def test_wheels_turn_up_with_the_car_and_not_with_the_slope(vehicle: Vehicle) -> None:
     """An idle wheel is turned up by the road: I a/R²; on a slope none."""
     pushed = vehicle.wheels.inertia * 2.0 / vehicle.wheels.radius**2

@@ -23,8 +23,8 @@ def touch(along: float | list[float] = 0.0, slip: float | list[float] = 0.0) -> 
         speed=zero + 15.0, accel_y=zero, yaw_rate=zero, yaw_accel=zero, lateral=zero, angle=two, across=two,
         along=jnp.asarray(along) * four, slip=jnp.asarray(slip) * four, slip_std=0.002 * four,
         slip_noise=0.0 * four,
-        slip_shared=zero + 0.002, across_std=two, along_std=0.0 * four, shaken=two, transfer=two,
-        lag=zero + 0.05,
+        slip_shared=zero + 0.002, across_std=two, along_std=0.0 * four, split_std=0.0 * four,
+        shaken=two, transfer=two, lag=zero + 0.05,
     )  # fmt: skip
 
 
@@ -71,6 +71,20 @@ class TestCurve:
 
 
 class TestBank:
+    def test_a_share_that_nothing_tells_is_no_news_at_every_sample(self, vehicle: Vehicle) -> None:
+        """Of wheels that slide on .2 two seem to bear .05 more, two .05 less, 1σ of that being .06."""
+        bank, dt = FrictionBank(vehicle), jnp.asarray(0.01)
+        least = []
+        for lasts in (0.0, 0.06):
+            bears = touch([0.25, 0.25, 0.15, 0.15], 0.3)._replace(
+                along_std=jnp.full(4, 0.06), split_std=jnp.full(4, lasts)
+            )
+            state, step = bank.init(), jax.jit(lambda s, t: bank.step(s, t, dt))
+            for _ in range(50):
+                state, _ = step(state, bears)
+            least.append(float(bank.quantiles(state, (0.05,))[0, 0]))
+        assert least[1] < 0.19 < least[0]
+
     def test_a_gyroscope_that_errs_moves_no_car_that_stands(self, vehicle: Vehicle) -> None:
         """At a walking pace the rear axle follows where it points, and a known bias turns it nowhere."""
         motion = Sideways(vehicle)

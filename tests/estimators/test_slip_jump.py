@@ -28,9 +28,8 @@ def touch(slip: Array, force: Array, shared: float = 0.02) -> Touch:
         speed=zero + 14.0, accel_y=zero, yaw_rate=zero, yaw_accel=zero, lateral=zero, angle=jnp.zeros(2),
         across=jnp.zeros(2), along=jnp.asarray(force), slip=jnp.asarray(slip), slip_std=jnp.full(4, 0.0015),
         slip_noise=jnp.zeros(4),
-        slip_shared=zero + shared, across_std=jnp.zeros(2), along_std=jnp.zeros(4), shaken=jnp.zeros(2),
-        transfer=jnp.zeros(2),
-        lag=zero + 0.05,
+        slip_shared=zero + shared, across_std=jnp.zeros(2), along_std=jnp.zeros(4), split_std=jnp.zeros(4),
+        shaken=jnp.zeros(2), transfer=jnp.zeros(2), lag=zero + 0.05,
     )  # fmt: skip
 
 

@@ -55,6 +55,7 @@ _HOLDS = 0.15  # m/s² that brakes slow the car down by, from which on they hold
 # an axle's F_y over its load up to which it is low-passed, as a share of what a rough road shakes the car by
 # both ways, and at the least; and s over which
 _BOUNCES, _STEADY, _BOUNCE_TIME = 8.0, 1e-3, 0.2
+_DIFFERENTIAL = 0.1  # 1σ of what a wheel gets of an engine's torque, as a share of it
 _SPUN = 3.0  # σ of the noise of a wheel's acceleration from which on it counts
 _LARGEST = 0.7  # of the weight: no wheel's torque makes more
 
@@ -215,9 +216,8 @@ class ForceMeter(eqx.Module):
             slope: what gravity takes of the acceleration, as thought so far, m/s².
             dt: s.
         """
-        car, smooth = self.car, signals.smooth
-        radius, mass = car.wheel_radius[0], car.mass
-        accel = self._freed(smooth, state.lean) - accel_error
+        car, radius, mass = self.car, self.car.wheel_radius[0], self.car.mass
+        accel = self._freed(signals.smooth, state.lean) - accel_error
         traction, drive = self._torques(state.traction, sample, speed, dt)
         # what rough roads shake the accelerometer by does not make the body lean
         cause, intensity, apart = state.explained
@@ -243,7 +243,7 @@ class ForceMeter(eqx.Module):
         may_brake = unknown | (brakes.possible & (not knows_brakes))
         engine = jnp.maximum(drive.inertia - mass - jnp.sum(car.wheel_inertia) / radius**2, 0) * radius**2
         coefficient = car.rolling_resistance + car.rolling_resistance_speed * speed**2
-        angle = jnp.clip(smooth[STEER], -0.9, 0.9)
+        angle = jnp.clip(signals.smooth[STEER], -0.9, 0.9)
         brakes_hold = jnp.sum(drive.brake_torque) > _HOLDS * mass * radius
         brakes_hold = brakes_hold | unknown | (drive.age >= STALE)
         scene = _Scene(
@@ -278,11 +278,12 @@ class ForceMeter(eqx.Module):
         ahead = jnp.abs(jnp.stack([current[0] - by_axle(along), fast.across - slow.across]))
         stir = jnp.maximum(ahead, state.stir * jnp.exp(-dt / _STIRRED))
         split = jnp.where(blind, _SPLIT_ERROR * jnp.max(jnp.abs(along)), 0.02 * jnp.abs(rest) * jnp.ones(4))
+        if self.torque_of == "engine":
+            split = jnp.hypot(split, _DIFFERENTIAL * jnp.abs(torque[:4]) / radius)
         unsure = jnp.where(scene.felt | (scene.known & ~unknown), 0.0, jnp.inf)
         rotation = jnp.abs(signals.rate[YAW_RATE])
         moment = _INERTIA_ERROR * car.yaw_inertia * rotation / (axles * self._wheelbase)
         missing = jnp.where((signals.age[ACCEL_Y] < STALE) & (signals.age[YAW_RATE] < STALE), 0.0, jnp.inf)
-        jump = jnp.sum(jnp.abs(fresh - torque))
         gust = 2 * drag / jnp.maximum(jnp.abs(speed), 1.0) * _GUST
         forces = AxleForces(
             along=along,
@@ -303,7 +304,7 @@ class ForceMeter(eqx.Module):
             brake=jnp.sum(torque[4:]) / (radius * mass),
             rolling=GRAVITY * direction,
             lever=drive.lever / mass,
-            intensity=self._intensity(drive, may_brake, jump, speed, gust, accel, scene.sine),
+            intensity=self._intensity(drive, may_brake, fresh - torque, speed, gust, accel, scene.sine),
             gust=gust,
             age=drive.age,
             is_shifting=drive.is_shifting,
@@ -390,7 +391,7 @@ class ForceMeter(eqx.Module):
         """White error of the specific force that torques tell, m/s²/√Hz."""
         mass, radius = self.car.mass, self.car.wheel_radius[0]
         white = drive.torque_std / mass * _TORQUE_TIME**0.5
-        late = jump / (radius * mass) * (_TORQUE_DELAY / SMOOTHING * _TORQUE_TIME**0.5)
+        late = jnp.sum(jnp.abs(jump)) / (radius * mass) * (_TORQUE_DELAY / SMOOTHING * _TORQUE_TIME**0.5)
         turning = _TURNING * accel[1] * sine
         lost = jnp.where(drive.is_shifting, _UNKNOWN["shift"], 0.0)
         lost = jnp.where(drive.age < STALE, lost, _UNKNOWN["drive"])

@@ -24,6 +24,7 @@ _SHARE = 0.05  # 1σ of a wheel's share of the force, as a share of it, where no
 _SLIP_OFFSET = 0.003  # 1σ of a slip, of radii that differ
 _SLIP_ASIDE = 0.4  # 1σ of a slip, as a share of the slip angle: where a wheel heads is known that well
 _SLIP_TIME = (0.2, 4.0)  # s: how long errors of a slip last, its own and those that come from the speed
+_SPLIT_TIME = 0.3  # s: how long a share of the forces keeps that nothing tells
 _SLIP_KNOWN = 0.02  # 1σ of a slip up to which the curve is a line over its width
 
 
@@ -119,10 +120,11 @@ class Wheels(eqx.Module):
         row = jnp.where(sure[:, None], row, 0.0)
         innovation = jnp.where(known, jnp.where(sure, measured - gain * here.along, beyond), 0.0)
         shared = (by_error * touch.slip_shared) ** 2 / noise
+        lent = jnp.where(known, touch.split_std[:, None], 0.0) ** 2 / noise
         # but a force beyond the friction no slip explains
         of_slip = jnp.full_like(friction, _SLIP_TIME[0])
         own = jnp.where(jnp.abs(measured) > friction, FORCE_ERROR_TIME, of_slip)
-        lasts = 2 * (own + (_SLIP_TIME[1] - own) * jnp.where(sure, shared, 0.0))
+        lasts = 2 * (own + (_SLIP_TIME[1] - own) * jnp.where(sure, shared, 0.0) + _SPLIT_TIME * lent)
         counts = jnp.maximum((lasts + 1 / anew[:, None]) / step, 1.0)
         y, Y, likelihood = learn(y, Y, row, innovation, noise, counts)
         jumps = slip_jump.evidence(

@@ -67,6 +67,7 @@ class Touch(NamedTuple):
         slip_noise: (4,) 1σ of white noise in it, beyond what samples at 100 Hz leave.
         slip_shared: 1σ of what speed's error adds to all, and lasts.
         across_std, along_std: 1σ of the forces over load beyond the model's own; infinite where unknown.
+        split_std: (4,) the part of the latter that lasts: of how wheels share what they bear together.
         shaken: (2,) 1σ of the forces over load, along and across, by which tires bounce on a rough road.
         transfer: (2,) squared share of its load that a wheel of the axle gains or loses to the other.
         lag: s by which ``angle`` lags, and so v_y must.
@@ -86,6 +87,7 @@ class Touch(NamedTuple):
     slip_shared: Float[Array, ""]
     across_std: Float[Array, " 2"]
     along_std: Float[Array, " 4"]
+    split_std: Float[Array, " 4"]
     shaken: Float[Array, " 2"]
     transfer: Float[Array, " 2"]
     lag: Float[Array, ""]

@@ -286,6 +286,7 @@ class TireContact(eqx.Module):
             slip_shared=rolling[1],
             across_std=jnp.hypot(forces.across_std, _LAG_ERROR * across_rate) + steered,
             along_std=jnp.hypot(forces.along_std, _LAG_ERROR * along_rate) + unknown,
+            split_std=forces.along_std,
             shaken=shaken,
             transfer=transfer,
             lag=lag + late[YAW_RATE],
