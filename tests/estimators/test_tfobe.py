@@ -123,7 +123,7 @@ class TestLowerLayer:
     @pytest.mark.parametrize("engine", [0.0, 20.0])
     def test_wheels_spin_up_with_the_engine_they_share(self, observer: ForceObserver, engine: float) -> None:
         """I_w ω̇_i + E d_i Σ d_j ω̇_j = T_i, solved as a matrix."""
-        model, own = observer.model, 1.2
+        model, own = observer.model, np.asarray(observer.model.vehicle.wheel_inertia)
         share, torque = np.array([0.5, 0.5, 0.0, 0.0]), np.array([300.0, 100.0, -20.0, 40.0])
         zero, four = jnp.zeros(()), jnp.zeros(4)
         u = ForceInput(
@@ -134,7 +134,6 @@ class TestLowerLayer:
             brake_torque=four,
             accel_x=zero,
             rolling=four,
-            inertia=jnp.asarray(own + engine * share),
             engine=jnp.asarray(engine * share),
             torque_noise=four,
             force_noise=four,
@@ -142,7 +141,7 @@ class TestLowerLayer:
             sensor_std=jnp.ones(7),
         )
         spun = np.asarray(model.f(jnp.zeros(len(model.states)), u, jnp.asarray(0.01)))[SPIN] / 0.01
-        matrix = own * np.eye(4) + engine * np.outer(share, share)
+        matrix = np.diag(own) + engine * np.outer(share, share)
         np.testing.assert_allclose(spun, np.linalg.solve(matrix, torque), rtol=1e-9)
 
 

@@ -241,14 +241,13 @@ class ForceMeter(eqx.Module):
         watches = (held.age < STALE) & (not knows_brakes)
         unknown = drive.is_brake_unknown | (brakes.seems & watches)
         may_brake = unknown | (brakes.possible & (not knows_brakes))
-        engine = jnp.maximum(drive.inertia - mass - jnp.sum(car.wheel_inertia) / radius**2, 0) * radius**2
         coefficient = car.rolling_resistance + car.rolling_resistance_speed * speed**2
         angle = jnp.clip(signals.smooth[STEER], -0.9, 0.9)
         brakes_hold = jnp.sum(drive.brake_torque) > _HOLDS * mass * radius
         brakes_hold = brakes_hold | unknown | (drive.age >= STALE)
         scene = _Scene(
             load=load,
-            engine=engine,
+            engine=drive.engine,
             rolling=coefficient * load * direction,
             drag=drag,
             slope=slope,
@@ -363,7 +362,7 @@ class ForceMeter(eqx.Module):
             return self._traction.read(state, sample, speed, dt)
         zero, four, no = jnp.zeros(()), jnp.zeros(4), jnp.zeros((), bool)
         mass = self.car.mass + jnp.sum(self.car.wheel_inertia) / self.car.wheel_radius[0] ** 2
-        return None, Traction(zero, zero, zero, zero, zero, mass, zero + NEVER, no, no, no, four, four)
+        return None, Traction(zero, zero, zero, zero, zero, mass, zero, zero + NEVER, no, no, no, four, four)
 
     def _across(
         self, along: Array, accel_y: Array, yaw_accel: Array, cosine: Array, sine: Array

@@ -172,7 +172,6 @@ class ForceObserver(eqx.Module):
         seen = jnp.isfinite(turning)
         turning = jnp.where(seen, turning, 0.0)  # a NaN would spoil the derivative by any factor of it
         turning = jnp.where(turning < 0, turning, direction * turning)
-        engine = jnp.maximum(drive.inertia - mass - jnp.sum(car.wheel_inertia) / radius**2, 0) * radius**2
         jump = torque - braking - smooth[:4] + smooth[4:]
         noise = self._torque_noise(drive, jump, may_brake, speed)
         step = jnp.clip(jnp.stack([state.held[n].age for n in FELT[:2]]) + dt, _LEAST_STEP, _STALE)
@@ -189,8 +188,7 @@ class ForceObserver(eqx.Module):
             brake_torque=state.smooth[4:8],
             accel_x=state.smooth[8],
             rolling=rolling,
-            inertia=car.wheel_inertia + engine * self._driven,
-            engine=engine * self._driven,
+            engine=drive.engine * self._driven,
             torque_noise=noise,
             force_noise=jnp.abs(jump) / (radius * _SMOOTHING**0.5),
             jerk=jnp.where(jnp.abs(speed) < _CRAWL, _JERK[1], _JERK[0]),

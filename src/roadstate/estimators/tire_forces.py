@@ -48,8 +48,7 @@ class ForceInput(NamedTuple):
         brake_torque: (4,) N·m, smoothed, with the sign of the speed: what the brakes' gain multiplies.
         accel_x: longitudinal specific force, smoothed, m/s²: what κ multiplies.
         rolling: (4,) rolling moment per coefficient, with the sign of the speed, N·m.
-        inertia: (4,) of the wheels, with what turns with them, kg·m².
-        engine: (4,) the part of it that differentials turn with the driven wheels' mean, kg·m².
+        engine: (4,) inertia beside the wheels' own, turned with the driven ones' mean, kg·m².
         torque_noise: (4,) intensity of what is not known of the torques, N·m/√Hz.
         force_noise: (4,) how the longitudinal forces wander as torques change, N/√s.
         jerk: how they wander together, per mass, m/s²/√s.
@@ -63,7 +62,6 @@ class ForceInput(NamedTuple):
     brake_torque: Float[Array, " 4"]
     accel_x: Float[Array, ""]
     rolling: Float[Array, " 4"]
-    inertia: Float[Array, " 4"]
     engine: Float[Array, " 4"]
     torque_noise: Float[Array, " 4"]
     force_noise: Float[Array, " 4"]
@@ -143,9 +141,17 @@ class TireForceModel(StateSpaceModel):
         slow = x[:SLOW] * jnp.exp(-dt / jnp.asarray(_TIMES, x.dtype))
         turning = jnp.sum(u.gain[2] * x[FORCE_X.start :], keepdims=True)
         torque = u.torque + x[3] * u.drive_torque - x[4] * u.brake_torque - x[2] * u.rolling
-        spin = _spun_up(torque - self.vehicle.wheel_radius * x[FORCE_X], u)
+        spin = self._spun_up(torque - self.vehicle.wheel_radius * x[FORCE_X], u.engine)
         moved = x[YAW_RATE : SPIN.stop] + dt * jnp.concatenate([turning, spin])
         return jnp.concatenate([slow, moved, x[FORCE_X.start :]])
+
+    def _spun_up(self, torque: Float[Array, " 4"], engine: Float[Array, " 4"]) -> Float[Array, " 4"]:
+        """(4,) rad/s² that torques make of wheels, some of which share an engine: (diag I + E dᵀ)⁻¹ T by
+        Sherman and Morrison, d the share of each in the engine's speed."""
+        own = self.vehicle.wheel_inertia
+        share = engine / jnp.maximum(jnp.sum(engine), _LEAST_INERTIA)
+        alone, pulled = torque / own, engine / own
+        return alone - pulled * jnp.sum(share * alone) / (1 + jnp.sum(share * pulled))
 
     def h(self, x: Float[Array, " 16"], u: ForceInput) -> Float[Array, " 7"]:
         """Accelerometers (freed of the body's pitch and roll), gyroscope, wheel speeds."""
@@ -162,7 +168,8 @@ class TireForceModel(StateSpaceModel):
         """Diagonal, and a column for what moves all longitudinal forces alike."""
         mass, radius = self.vehicle.mass, self.vehicle.wheel_radius
         slow = self.slow_std * root(-jnp.expm1(-2 * dt / jnp.asarray(_TIMES, self.slow_std.dtype)))
-        wheels = jnp.hypot(u.torque_noise, _SPIN * u.inertia / radius) / u.inertia
+        inertia = self.vehicle.wheel_inertia + u.engine
+        wheels = jnp.hypot(u.torque_noise, _SPIN * inertia / radius) / inertia
         along = jnp.hypot(u.force_noise, 0.5 * _APART * mass)
         across = jnp.full(2, _LATERAL_JERK / 2) * mass
         density = jnp.concatenate([jnp.full(1, _YAW), wheels, along, across])
@@ -179,12 +186,3 @@ class TireForceModel(StateSpaceModel):
         fast = jnp.asarray([0.5] + [100.0] * 4)
         weights = jnp.asarray([0.1] * 4 + [0.2] * 2) * (self.vehicle.mass * GRAVITY)
         return Gaussian(jnp.zeros(_COUNT), jnp.diag(jnp.concatenate([self.slow_std, fast, weights])))
-
-
-def _spun_up(torque: Float[Array, " 4"], u: ForceInput) -> Float[Array, " 4"]:
-    """(4,) rad/s² that torques make of wheels, some of which share an engine: (diag I + E dᵀ)⁻¹ T by Sherman
-    and Morrison, d the share of each in the engine's speed."""
-    own = u.inertia - u.engine
-    share = u.engine / jnp.maximum(jnp.sum(u.engine), _LEAST_INERTIA)
-    alone, pulled = torque / own, u.engine / own
-    return alone - pulled * jnp.sum(share * alone) / (1 + jnp.sum(share * pulled))

@@ -45,6 +45,7 @@ class Traction(NamedTuple):
         torque_std: N, 1σ of the torque signal's noise.
         brake_std: N, 1σ of the brakes' part, which keeps as long as the brakes act.
         inertia: kg, mass of the car with its rotating parts.
+        engine: kg·m², the engine's part of it as the wheels feel it.
         age: s since the torque was last seen.
         is_shifting: the driveline is open, slipping or changing gear.
         is_braking: a brake channel says that brakes act.
@@ -59,6 +60,7 @@ class Traction(NamedTuple):
     torque_std: Float[Array, ""]
     brake_std: Float[Array, ""]
     inertia: Float[Array, ""]
+    engine: Float[Array, ""]
     age: Float[Array, ""]
     is_shifting: Bool[Array, ""]
     is_braking: Bool[Array, ""]
@@ -245,14 +247,15 @@ class TractionMeter(eqx.Module):
             each = drive * self._radius * self._split
         braking, pressed = self._brakes(held)
         brake = jnp.sum(braking) / self._radius
-        inertia = self._mass + self._engine_inertia * (ratio / self._radius) ** 2
+        engine_inertia = self._engine_inertia * ratio**2
         traction = Traction(
             force=drive - brake * jnp.sign(speed),
             drive_force=drive,
             lever=lever,
             torque_std=jnp.abs(self._torque_noise * lever),
             brake_std=_BRAKE_RELATIVE * brake,
-            inertia=inertia,
+            inertia=self._mass + engine_inertia / self._radius**2,
+            engine=engine_inertia,
             age=age,
             is_shifting=is_shifting,
             is_braking=pressed | (brake > 0),
