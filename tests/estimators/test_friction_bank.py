@@ -125,6 +125,18 @@ class TestBank:
         assert 0.03 * 15 <= std < 0.05 * 15
         assert np.linalg.eigvalsh(P[:, :, 0]).min() > 0
 
+    def test_a_car_slides_less_far_where_the_road_is_slippery(self, vehicle: Vehicle) -> None:
+        """At their limit tires tell nothing of the sideslip; what is left is how far a driven car slides."""
+        bank = FrictionBank(vehicle)
+        std = {}
+        for used in (0.3, 0.9):
+            bears = touch()._replace(across=jnp.full(2, used))
+            state = self.driven(bank, (10.0, bears))
+            limit = int(np.argmin(np.abs(np.asarray(bank.friction) - used)))
+            std[used] = float(state.P[V_Y, V_Y, limit]) ** 0.5 / 15
+        assert std[0.3] < 0.03
+        assert 0.02 < std[0.9] < 0.1
+
     def test_sliding_wheels_tell_the_friction_at_once(self, vehicle: Vehicle) -> None:
         # far beyond the peak: 0.28 is what a friction of 0.33 leaves there, and no slip error matters
         low, middle, high = self.after(FrictionBank(vehicle), 0.3, along=0.28, slip=0.25)

@@ -49,7 +49,8 @@ _JUMP = 1 / 400.0  # 1/m: how often the road's friction changes altogether
 # 1/m: how soon what a side's wheels have found of its road is taken to hold for each of them
 _JOINS = 1 / 5.0
 _DRIFT = 0.1**2 / 300.0  # 1/m: variance of ln μ that is added by driving on
-_SIDESLIP = 0.1  # rad: 1σ of the rear axle's slip angle
+_SIDESLIP = (0.1, 0.03)  # rad: 1σ of the rear axle's slip angle where friction is 1, and at the least
+_SLIDES = 1.0  # s in which it becomes another one
 _ANGLE_ERROR = 0.002  # rad: 1σ of a slip angle, besides what v_y and the steering's bias do to it
 _ANEW = (0.06, 12.0)  # change of a force over load that tells anew; else it does after s
 _LEAST_STEP = 1e-3
@@ -186,11 +187,13 @@ class FrictionBank(eqx.Module):
         takes = jnp.maximum((2 * FORCE_ERROR_TIME + 1 / anew[:2]) / step, 1.0)
         speed = jnp.maximum(jnp.abs(touch.speed), SLOWEST)
         across_evidence = []
-        # beyond its peak a tire tells nothing of the sideslip: a car that is driven does not slide far
+        # beyond its peak a tire tells nothing of the sideslip: a car that is driven does not slide far, and
+        # where the road is slippery the peak comes at a smaller angle
+        likely = jnp.maximum(_SIDESLIP[0] * self.friction, _SIDESLIP[1])
         rear = (x[V_Y] + self.motion.arm[1] * touch.yaw_rate) / speed
         zero = jnp.zeros_like(rear)
         row = jnp.stack([jnp.full_like(rear, 1 / speed), *[zero] * (SIZE - 1)])
-        x, P, _ = learn(x, P, row, -rear, jnp.full_like(rear, _SIDESLIP**2), takes[1])
+        x, P, _ = learn(x, P, row, -rear, likely**2, jnp.maximum(_SLIDES / step, 1.0))
         along = once(self.wheels.linear(mixed.y, touch))
         for axle in range(2):
             here = self._axle(x, touch, speed, along[2 * axle : 2 * axle + 2], axle)
