@@ -87,7 +87,7 @@ class AlongModel(StateSpaceModel):
     of the rolling radius, and by how much it is later than usual, with a speed that is not the wheels';
     height with an altitude.
 
-    Sensors: the wheels' speeds (freed of yaw and of the slip σ_i that their forces make: v_x + v σ_i ε_σ),
+    Sensors: the wheels' speeds (freed of yaw and of the slip σ_i that their forces make: v_x + |v| σ_i ε_σ),
     the speed signal, late by a time τ of its own: v_x − τ v̇; altitude, rate of climb;
     ``traction``: how much more the accelerometer reads than the torques explain, b + κ ā_x + ψ_m ā_y +
     (γ_d − ε_m) a_d − (γ_b − ε_m) a_b − δf g + δT ∂a_d/∂T; ``attitude``: how much more the body pitches
@@ -203,7 +203,7 @@ class AlongModel(StateSpaceModel):
             else:
                 slips = u.slip[WHEEL_SPEEDS.index(sensor)] * x[self.place("slip_factor")]
                 radius = x[self.place("wheel_radius")] if "wheel_radius" in self.states else 0.0
-                rows.append(x[SPEED] + u.speed * (slips - radius))
+                rows.append(x[SPEED] + jnp.abs(u.speed) * slips - u.speed * radius)
         return jnp.stack(rows)
 
     def rolling(

@@ -148,7 +148,8 @@ class TireContact(eqx.Module):
         slip = self.slips(forces.along, forces.load)
         angle = jnp.where(seen.age[STEER] < STALE, jnp.clip(seen.value[STEER], -0.9, 0.9), 0.0)
         turn = steered_cosines(jnp.cos(angle))
-        rolling = radius * seen.value[SPIN] / (1 + slip)
+        # slip is over |v|: a force ahead turns a wheel of a car that backs up less fast
+        rolling = radius * seen.value[SPIN] / (1 + slip * jnp.sign(seen.value[SPIN]))
         late = jnp.minimum(_TOOTH[0] / jnp.maximum(jnp.abs(speed), 1e-3), _TOOTH[1])
         late = jnp.where(jnp.abs(rolling) > 0, late, 0.0)
         rim = rolling * turn + self.half_track * turning + (_WHEEL_DELAY + late) * accel
