@@ -51,6 +51,13 @@ def test_a_wheel_tells_speed_slip_and_what_it_slips_beyond(model: AlongModel) ->
     np.testing.assert_allclose(model.h(jnp.asarray(x), given(20.0, 0.0, 0.0)), 20.0)
 
 
+def test_a_force_ahead_makes_a_wheel_turn_less_fast_backward(model: AlongModel) -> None:
+    """R ω = v + |v| κ: brakes slow a car that backs up by a force ahead, and its wheels turn less."""
+    x = np.zeros(len(model.states))
+    x[SPEED], x[model.place("slip_factor")] = -5.0, 0.5
+    np.testing.assert_allclose(model.h(jnp.asarray(x), given(-5.0, 2.0, 0.03)), -5.0 * (1 - 0.015))
+
+
 def test_what_all_wheels_seem_to_slip_is_as_uncertain_as_radius_and_speed_together() -> None:
     """κ = R ω/v − 1: with δR/R and δv of covariance P its variance is r P rᵀ, r = (1, −1/v)."""
     known = AlongModel(load_vehicle("family-car"), (*CHANNELS, "speed"), torque_of=None)
