@@ -235,7 +235,7 @@ class DEBE(Estimator[DEBEState]):
         accel = state.accel.take(sample.get("accel_x", nothing), dt)
         traction_state, drive = self.traction.read(state.traction, sample, speed, dt)
         lateral = speed * jnp.where(yaw_rate.age < _STALE, yaw_rate.value, 0.0)
-        cornering = self.cornering_drag * lateral**2 / GRAVITY
+        cornering = self.cornering_drag * lateral**2 / GRAVITY * jnp.tanh(speed / STANDSTILL_SPEED)
         known = drive.age < _STALE
         push = jnp.where(known, drive.force / self.mass, 0.0)
         explained = push - self.model.resistance(speed, grade) - cornering

@@ -53,7 +53,7 @@ _OTHER = (0.4, 1.0, 0.7)
 _LEAST_STEP = 1e-3  # s
 _SLOWEST = 1.0  # m/s below which a car's signals may well stand still
 # m/s from which on no wheel turns round at once; share of it by which it may differ; nor does a car that was
-# never seen to go forward go backward as fast as that, m/s
+# never seen to go forward go backward as fast as that unless its gear says so, m/s
 _TURNED = (3.0, 0.2, 8.0)
 
 
@@ -283,7 +283,7 @@ class Intake(eqx.Module):
         rolled = jnp.abs(radius * state.value[SPIN] - speed) < share * speed
         alone = (sense == 0) & jnp.any(sense > 0)
         turns = forward & (rolled | alone) & (jnp.abs(told + speed) < share * speed)
-        begins = (sense == 0) & (rims < -fast) & jnp.any((sense == 0) & (rims < -fastest))
+        begins = (gear >= 0) & (sense == 0) & (rims < -fast) & jnp.any((sense == 0) & (rims < -fastest))
         known = jnp.where((sense == 0) & (rims > fast), 1.0, sense)
         return jnp.where(begins, -1.0, jnp.where(turns, jnp.where(sense < 0, 1.0, -1.0), known))
 

@@ -122,8 +122,8 @@ class KMBE(Estimator[KMBEState]):
 
     The accelerometer reads a = v̇_x − v_y r + g sin θ (+ bias); the wheels tell v̇_x; what is left is the
     grade. Beyond the paper: the turning term v_y r (v_y from the yaw rate by the rear axle's geometry and
-    slip, v_y = l_r r − v² r/(g c_r), c_r the rear cornering stiffness per load); the pitch of the body on its
-    springs under force (the sensor reads (1 + g k)(v̇_x − v_y r + g sin θ), k the vehicle file's pitch
+    slip, v_y = l_r r − v |v| r/(g c_r), c_r the rear cornering stiffness per load); the pitch of the body on
+    its springs under force (the sensor reads (1 + g k)(v̇_x − v_y r + g sin θ), k the vehicle file's pitch
     gradient); a road whose grade is smooth along its length; and, only where GNSS vertical speed or altitude
     observes it, the accelerometer's bias.
 
@@ -242,7 +242,7 @@ class KMBE(Estimator[KMBEState]):
         )
         turning = jnp.where(yaw_rate.age < _STALE, yaw_rate.value, 0.0)
         speed = state.filter.gaussian.mean[0]
-        side_slip = turning * (self.rear_arm - speed**2 / (GRAVITY * self.rear_stiffness))
+        side_slip = turning * (self.rear_arm - speed * jnp.abs(speed) / (GRAVITY * self.rear_stiffness))
         speeds, speed_std = self.meter.read(sample, turning, steer.value, signed_direction(gear.value))
         u = _Input(
             accel=between / self.pitch_gain + side_slip * turning,

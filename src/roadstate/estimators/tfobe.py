@@ -257,7 +257,9 @@ class TFOBE(Estimator[TFOBEState]):
         load = jnp.maximum(forces.load, 0.1 * jnp.mean(forces.load))
         along = now[FORCE_X] / (self.slip_stiffness * load)
         slip = jnp.clip(along, -_LARGEST_SLIP, _LARGEST_SLIP)
-        rolling = jnp.where(forces.is_seen, forces.wheel_speed / (1 + slip), jnp.nan)
+        # slip is over |v|: a force ahead turns a wheel of a car that backs up less fast
+        rolling = forces.wheel_speed / (1 + slip * jnp.sign(forces.wheel_speed))
+        rolling = jnp.where(forces.is_seen, rolling, jnp.nan)
         direction = jnp.ones_like(speed)
         metered = meter_sample(sample, rolling, self.meter)
         speeds, std = self.meter.read(metered, now[YAW_RATE], forces.steer, direction)
@@ -265,7 +267,7 @@ class TFOBE(Estimator[TFOBEState]):
         angle = now[FORCE_Y.start + 1] / self.rear_stiffness
         error = jnp.abs(speed) * jnp.hypot(_SLIP_ANGLE_ERROR[0], _SLIP_ANGLE_ERROR[1] * angle) + 0.01
         seen = jnp.isfinite(sample["yaw_rate"])
-        lateral = jnp.where(seen, now[YAW_RATE] * vehicle.cg_to_rear_axle - speed * angle, jnp.nan)
+        lateral = jnp.where(seen, now[YAW_RATE] * vehicle.cg_to_rear_axle - jnp.abs(speed) * angle, jnp.nan)
         yaw_rate = jnp.where(seen, sample["yaw_rate"], jnp.nan)
         sides = 0.5 * jnp.repeat(between[FORCE_Y], 2)
         steer = jnp.stack([forces.steer, jnp.zeros_like(speed)])

@@ -209,7 +209,7 @@ class VelocityObserver(eqx.Module):
         heard = jnp.any(jnp.isfinite(jnp.stack(along)))
         if "velocity_y" not in self._given:
             angle, spread = self._slip_angle(motion.accel_y / GRAVITY, friction)
-            by_model = self._rear_arm * motion.yaw_rate - before[0] * angle
+            by_model = self._rear_arm * motion.yaw_rate - jnp.abs(before[0]) * angle
             told.append(jnp.where(motion.age < STALE, by_model, jnp.nan))
             error = jnp.hypot(_MODEL_ANGLE, spread)
             stds.append((jnp.abs(before[0]) + 1.0) * error * jnp.sqrt(_MODEL_TIME / step))
