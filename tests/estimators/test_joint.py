@@ -203,7 +203,7 @@ class TestRims:
         zero = jnp.zeros(())
         state, _, std = contact.rims(
             contact.init() if state is None else state, seen, forces, zero, jnp.asarray(10.0),
-            jnp.asarray(0.05), zero, zero, jnp.asarray(0.01),
+            jnp.asarray(0.05), zero, zero, jnp.full(4, 0.01), jnp.asarray(0.01),
         )  # fmt: skip
         return state, np.asarray(std)
 

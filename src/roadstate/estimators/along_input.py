@@ -20,6 +20,7 @@ from roadstate.estimators.contact_forces import CALM
 from roadstate.estimators.intake import (
     ACCEL_X,
     SMOOTHING,
+    SPIN,
     STALE,
     WHEEL_SPEEDS,
     YAW_RATE,
@@ -28,6 +29,7 @@ from roadstate.estimators.intake import (
 )
 from roadstate.estimators.noise_learning import NoiseLearner, Unrest
 from roadstate.estimators.pitch import Pitching, lean_std
+from roadstate.estimators.signals import NEVER
 from roadstate.estimators.tire_contact import ANY, ContactState, TireContact
 from roadstate.linalg import root
 
@@ -40,6 +42,7 @@ _UNSEEN = 4.0  # m/s²/√Hz: of an acceleration that neither accelerometer nor 
 _BETWEEN = (0.5, 2.0)
 _HILLY = 0.08  # slope on which that changes the rate of climb
 _LEAST_STEP = 1e-3  # s
+_FIRST = 0.01  # s that the first sample of all counts for
 _AGE = 0.1  # s by which a receiver's rate of climb may be late
 _JITTER = 0.02  # s: 1σ of what its speed is later or earlier than usual
 _LEARNED = ("vertical_speed", "traction", "attitude")  # sensors whose noise is learned
@@ -137,7 +140,8 @@ class AlongIntake(eqx.Module):
             sign: by which the last sample of the longitudinal accelerometer is to be multiplied.
         """
         x, spread = state.along.gaussian.mean, state.along.gaussian.std[SPEED]
-        speed, step = x[SPEED], jnp.maximum(dt, _LEAST_STEP)
+        speed = x[SPEED]
+        since = _since(state.signals.age, dt)
         felt = seen.age[ACCEL_X] < STALE
         before = jnp.where(
             state.signals.age[ACCEL_X] < STALE, sign * state.signals.value[ACCEL_X], seen.value[ACCEL_X]
@@ -174,7 +178,7 @@ class AlongIntake(eqx.Module):
         if wheels:
             gain, unsure = accel - x[BIAS] - x[SLOPE], state.along.gaussian.std[SLOPE]
             contact, rim, std = self.contact.rims(
-                contact, seen, forces, turning, speed, spread, gain, unsure, dt
+                contact, seen, forces, turning, speed, spread, gain, unsure, since[SPIN], dt
             )
             rim, std = rim[jnp.asarray(wheels)], std[jnp.asarray(wheels)]
             parts.append(rim)
@@ -204,12 +208,12 @@ class AlongIntake(eqx.Module):
             more = forces.lean.freed(seen.smooth[ACCEL_X], self.pitching) - forces.explained
             parts.append(jnp.where(told, more, jnp.nan)[None])
             both = jnp.hypot(forces.intensity, self.accel_noise)
-            stds.append((both / root(step))[None])
+            stds.append((both / root(since[ACCEL_X]))[None])
             u = u._replace(intensity=jnp.where(felt, self.white(state.unrest, forces)[0], u.intensity))
         u = u._replace(intensity=jnp.hypot(u.intensity, between))
         if "attitude" in self.sensors:
             parts.append(jnp.where(jnp.isfinite(sample["pitch_rate"]), 0.0, jnp.nan)[None])
-            stds.append(lean_std(state.pitch, dt)[None])
+            stds.append(lean_std(state.pitch, _since(state.pitch.rate.age, dt))[None])
         z, std = once((jnp.concatenate(parts), jnp.concatenate(stds)))
         last = len(self.learned)
         # what parts torques and accelerometer lasts for minutes, too: that is no white noise of the torques
@@ -217,3 +221,8 @@ class AlongIntake(eqx.Module):
         which = [own.get(i, last) for i in range(len(self.sensors))]
         std = std * jnp.append(self.learner.scale(state.unrest), 1.0)[np.array(which)]
         return contact, u._replace(sensor_std=std), z
+
+
+def _since(age: Array, dt: Array) -> Array:
+    """What span, s, samples count for that come ``dt`` after others which were ``age`` old."""
+    return jnp.where(age < NEVER, jnp.clip(age + dt, _LEAST_STEP, STALE), _FIRST)

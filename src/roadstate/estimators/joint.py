@@ -233,8 +233,8 @@ class Joint(Estimator[JointState]):
         is_signal = np.array([s == "speed" for s in self.sensors])
         z = jnp.where(verdict.lies[-1] & is_signal, jnp.nan, z)
         watch = once(self.watch.look(state.watch, sample, dt))
-        lag = self.watch.lateness(watch, self.sensors)
-        lasting = jnp.sqrt(_LATE_TIME / jnp.maximum(dt, _LEAST_STEP))
+        lag, since = self.watch.lateness(watch, self.sensors), self.watch.since(watch, self.sensors)
+        lasting = jnp.sqrt(_LATE_TIME / jnp.clip(since, _LEAST_STEP, _LATE_TIME))
         u = u._replace(sensor_std=jnp.hypot(u.sensor_std, lag * u.gaining * lasting))
         pitch = state.pitch
         if "attitude" in self.sensors:

@@ -201,11 +201,11 @@ class PitchMeter(eqx.Module):
         return state._replace(apart=begin * apart, pull=begin * told, distrust=distrust)
 
 
-def lean_std(state: PitchState, dt: Float[Array, ""]) -> Float[Array, ""]:
+def lean_std(state: PitchState, since: Float[Array, ""]) -> Float[Array, ""]:
     """1σ of a sample of the body's lean against slope and force, so that errors that last add up rightly.
 
     Args:
         state: of the instant.
-        dt: s.
+        since: s since the sample before.
     """
-    return jnp.sqrt((_LEAN_ERROR**2 + state.unrest) * 2 * _LEAN_TIME / jnp.maximum(dt, _LEAST_STEP))
+    return jnp.sqrt((_LEAN_ERROR**2 + state.unrest) * 2 * _LEAN_TIME / since)

@@ -227,7 +227,8 @@ class TFOBE(Estimator[TFOBEState]):
         x = state.grade.gaussian.mean
         lower, forces, seen = self.observer.step(state.forces, sample, self.meter.steer(sample), x[0], dt)
         before, now = state.forces.filter.gaussian.mean, lower.filter.gaussian.mean
-        u, z, error = self._upper(forces, sample, before, now, x, dt)
+        since = state.forces.held["yaw_rate"].age + dt
+        u, z, error = self._upper(forces, sample, before, now, x, since)
         grade, told = self.filter.step(self.model, state.grade, u, z, dt)
         speed_age = jnp.where(jnp.any(forces.is_seen), 0.0, state.speed_age + dt)
         validity = jnp.where(forces.is_shifting, int(Validity.GEAR_SHIFT), int(Validity.EXCITED))
@@ -249,9 +250,17 @@ class TFOBE(Estimator[TFOBEState]):
         before: Float[Array, " 16"],
         now: Float[Array, " 16"],
         x: Float[Array, " 5"],
-        dt: Float[Array, ""],
+        since: Float[Array, ""],
     ) -> tuple[_GradeInput, Float[Array, " m"], Float[Array, ""]]:
-        """Input and measurement of the upper layer, and the 1σ of the lateral velocity's error (m/s)."""
+        """Input and measurement of the upper layer, and the 1σ of the lateral velocity's error (m/s).
+
+        Args:
+            forces: of this instant.
+            sample: the channels.
+            before, now: means of the lower layer.
+            x: mean of the upper one, so far.
+            since: s since the yaw rate before came.
+        """
         speed, vehicle = x[0], self.model.vehicle
         between = 0.5 * (before + now)
         load = jnp.maximum(forces.load, 0.1 * jnp.mean(forces.load))
@@ -263,9 +272,9 @@ class TFOBE(Estimator[TFOBEState]):
         direction = jnp.ones_like(speed)
         metered = meter_sample(sample, rolling, self.meter)
         speeds, std = self.meter.read(metered, now[YAW_RATE], forces.steer, direction)
-        scale = jnp.sqrt(_MODEL_TIME / jnp.maximum(dt, _LEAST_STEP))
         angle = now[FORCE_Y.start + 1] / self.rear_stiffness
         error = jnp.abs(speed) * jnp.hypot(_SLIP_ANGLE_ERROR[0], _SLIP_ANGLE_ERROR[1] * angle) + 0.01
+        lasting = jnp.sqrt(_MODEL_TIME / jnp.clip(since, _LEAST_STEP, _MODEL_TIME))
         seen = jnp.isfinite(sample["yaw_rate"])
         lateral = jnp.where(seen, now[YAW_RATE] * vehicle.cg_to_rear_axle - jnp.abs(speed) * angle, jnp.nan)
         yaw_rate = jnp.where(seen, sample["yaw_rate"], jnp.nan)
@@ -275,7 +284,7 @@ class TFOBE(Estimator[TFOBEState]):
             forces=jnp.concatenate([steer, between[FORCE_X], sides]),
             speed=speed,
             intensity=forces.intensity,
-            sensor_std=jnp.concatenate([std, jnp.stack([self.yaw_noise, error * scale])]),
+            sensor_std=jnp.concatenate([std, jnp.stack([self.yaw_noise, error * lasting])]),
         )
         return u, jnp.concatenate([speeds, jnp.stack([yaw_rate, lateral])]), error
 

@@ -39,11 +39,10 @@ _LATE_ERROR = 0.5  # 1σ of that lateness, as a share of it
 _YIELDS = 0.025  # s: lag of the force behind the angle that suspension and steering add to the tire's
 _LAG_ERROR = 0.015  # s: 1σ of that lag
 _VAGUE = 1.0  # m/s: 1σ of a speed that tells nothing of which wheel slips
-_UNKNOWN = 0.01  # of what wheels are apart then: 1σ of what the one slips that slips least
+_UNKNOWN = 0.03  # of what wheels are apart then: 1σ of what the one slips that slips least
 _BOUND = 0.07  # of what a wheel bounds the speed by: 1σ of what it slips itself
 _BEARS = 0.03  # force over load from which on its sign is known
 _ROLLS = 0.15  # m/s²: no brakes are applied that slow the car down by less
-_LEAST_STEP = 1e-3  # s
 # 1σ of forces along and across, low-passed, over g and load, as a share of the lesser of what a rough road
 # shakes the accelerometers by both ways: tires bear more and less as they bounce
 _SHAKEN = (1.05, 3.3)
@@ -123,6 +122,7 @@ class TireContact(eqx.Module):
         spread: Array,
         accel: Array,
         unsure: Array,
+        since: Array,
         dt: Array,
     ) -> tuple[ContactState, Float[Array, " 4"], Float[Array, " 4"]]:
         """(4,) the car's speed as each wheel tells it, freed of yaw and slip, and 1σ, m/s.
@@ -142,9 +142,10 @@ class TireContact(eqx.Module):
             spread: its 1σ.
             accel: its rate, m/s², and
             unsure: 1σ of that.
+            since: (4,) s since each wheel's sample before.
             dt: s.
         """
-        radius, step = self.radius, jnp.maximum(dt, _LEAST_STEP)
+        radius = self.radius
         slip = self.slips(forces.along, forces.load)
         angle = jnp.where(seen.age[STEER] < STALE, jnp.clip(seen.value[STEER], -0.9, 0.9), 0.0)
         turn = steered_cosines(jnp.cos(angle))
@@ -189,7 +190,7 @@ class TireContact(eqx.Module):
         slow = jnp.where(jnp.abs(rolling) < _DEAD_BAND[0], _DEAD_BAND[1], 0.0)
         noise = self.noise
         std = jnp.sqrt(
-            noise**2 + lasting * _SLIP_TIME / step + slow**2 * jnp.maximum(_DEAD_BAND[2] / step, 1.0)
+            noise**2 + lasting * _SLIP_TIME / since + slow**2 * jnp.maximum(_DEAD_BAND[2] / since, 1.0)
         )
         return (
             state._replace(

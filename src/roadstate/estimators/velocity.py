@@ -203,7 +203,8 @@ class VelocityObserver(eqx.Module):
                 away - _LEAD_FREE - 2 * state.filter.gaussian.std[0], 0.0
             )
             told += list(speeds)
-            stds += list(safe_hypot(spread, slip * jnp.sqrt(_SLIP_TIME / step)))
+            since = jnp.clip(state.age + dt, _LEAST_STEP, STALE)
+            stds += list(safe_hypot(spread, slip * jnp.sqrt(_SLIP_TIME / since)))
         told = [jnp.where(jnp.isfinite(value), value, jnp.nan) for value in told]
         along = [v for v, sensor in zip(told, self._model.sensors, strict=False) if sensor != "velocity_y"]
         heard = jnp.any(jnp.isfinite(jnp.stack(along)))

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from roadstate.estimators.base import Sample
 
@@ -101,11 +101,17 @@ class Watch(eqx.Module):
 
     def lateness(self, state: WatchState, sensors: Sequence[str]) -> Float[Array, " m"]:
         """(m,) s by which speeds and an accelerometer along may be late; 0 for all else, or not watched."""
-        places = [self.channels.index(s) if s in self.channels else 0 for s in sensors]
         counts = np.array(
             [s in self.channels and s.startswith(("speed", "wheel_speed", "accel_x")) for s in sensors]
         )
-        return jnp.where(counts, state.late[jnp.asarray(places)], 0.0)
+        return jnp.where(counts, state.late[self._places(sensors)], 0.0)
+
+    def since(self, state: WatchState, sensors: Sequence[str]) -> Float[Array, " m"]:
+        """(m,) s from the sample before to the latest of each sensor; of one not watched, anything."""
+        return state.interval[self._places(sensors)]
+
+    def _places(self, sensors: Sequence[str]) -> Int[Array, " m"]:
+        return jnp.asarray([self.channels.index(s) if s in self.channels else 0 for s in sensors])
 
     def look(self, state: WatchState, sample: Sample, dt: Float[Array, ""]) -> WatchState:
         """Take a sample ``dt`` (s) after the last."""
