@@ -24,6 +24,7 @@ from roadstate.vehicles import Vehicle, load_vehicle
 
 DT = 0.01
 NOISE = 0.05  # m/s: of a wheel's speed
+FORCES = {"drive": 1.1, "brake": 0.3, "drag": 0.5, "rolling": 9.8}
 CHANNELS = ("accel_x", *(f"wheel_speed_{w}" for w in WHEELS))
 
 
@@ -37,7 +38,7 @@ def given(speed: Numbers, accel: Numbers, slip: Numbers) -> AlongInput:
     zero = jnp.zeros(())
     return AlongInput(
         accel=zero + accel, gaining=zero + accel, lean=zero + accel, lasting=zero + accel, drive=zero,
-        brake=zero, rolling=zero, lever=zero,
+        brake=zero, rolling=zero, drag=zero, lever=zero,
         speed=zero + speed, intensity=zero + 0.02, smooth_across=zero, turning=zero,
         pitching=Pitching(zero, zero), slip=jnp.full(4, slip), sensor_std=jnp.full(4, NOISE),
     )  # fmt: skip
@@ -56,6 +57,17 @@ def test_a_force_ahead_makes_a_wheel_turn_less_fast_backward(model: AlongModel) 
     x = np.zeros(len(model.states))
     x[SPEED], x[model.place("slip_factor")] = -5.0, 0.5
     np.testing.assert_allclose(model.h(jnp.asarray(x), given(-5.0, 2.0, 0.03)), -5.0 * (1 - 0.015))
+
+
+def test_a_heavier_car_is_moved_less_by_torques_and_by_air() -> None:
+    """a = (F_drive − F_brake − F_air)/m − f g: an accelerometer tells so much less."""
+    known = AlongModel(load_vehicle("family-car"), CHANNELS, torque_of="wheels")
+    x = np.zeros(len(known.states))
+    x[known.place("mass")] = share = 1e-4
+    u = given(30.0, 0.0, 0.0)._replace(**{k: jnp.asarray(v) for k, v in FORCES.items()})
+    told = known.h(jnp.asarray(x), u)[known.sensors.index("traction")]
+    force = FORCES["drive"] - FORCES["brake"] - FORCES["drag"]
+    assert float(told) == pytest.approx(force / (1 + share) - force, rel=1e-3)
 
 
 def test_what_all_wheels_seem_to_slip_is_as_uncertain_as_radius_and_speed_together() -> None:

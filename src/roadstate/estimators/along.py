@@ -47,6 +47,7 @@ class AlongInput(NamedTuple):
             multiply all that a rough road shakes the accelerometer by, it would pass for their effect.
         drive, brake: specific forces of drive and brakes as torques tell them, low-passed, m/s².
         rolling: g with the sign of the speed: what the coefficient of rolling resistance multiplies, m/s².
+        drag: specific force that air resists by, m/s².
         lever: what each N·m of the engine makes, in the gear in mesh, m/s²/(N·m).
         speed: so far, m/s.
         intensity: of the acceleration's white error, m/s²/√Hz.
@@ -64,6 +65,7 @@ class AlongInput(NamedTuple):
     drive: Float[Array, ""]
     brake: Float[Array, ""]
     rolling: Float[Array, ""]
+    drag: Float[Array, ""]
     lever: Float[Array, ""]
     speed: Float[Array, ""]
     intensity: Float[Array, ""]
@@ -90,9 +92,9 @@ class AlongModel(StateSpaceModel):
     Sensors: the wheels' speeds (freed of yaw and of the slip σ_i that their forces make: v_x + |v| σ_i ε_σ),
     the speed signal, late by a time τ of its own: v_x − τ v̇; altitude, rate of climb;
     ``traction``: how much more the accelerometer reads than the torques explain, b + κ ā_x + ψ_m ā_y +
-    (γ_d − ε_m) a_d − (γ_b − ε_m) a_b − δf g + δT ∂a_d/∂T; ``attitude``: how much more the body pitches
-    than by the slope and its lean, 0 = Θ − θ − k ℓ − δk ā_x, ℓ the lean in terms of a lasting force, ā_x
-    what lasts.
+    (γ_d − ε_m) a_d − (γ_b − ε_m) a_b + ε_m a_air − δf g + δT ∂a_d/∂T; ``attitude``: how much more the body
+    pitches than by the slope and its lean, 0 = Θ − θ − k ℓ − δk ā_x, ℓ the lean in terms of a lasting force,
+    ā_x what lasts.
 
     Attributes:
         road: how g sin θ changes along the road.
@@ -191,7 +193,8 @@ class AlongModel(StateSpaceModel):
                 rows.append(u.speed * x[SLOPE] / GRAVITY)
             elif sensor == "traction":
                 mass, drive, brake, resistance = (x[self.place("mass") + i] for i in range(4))
-                gains = (drive - mass) * u.drive - (brake - mass) * u.brake - resistance * u.rolling
+                gains = (drive - mass) * u.drive - (brake - mass) * u.brake + mass * u.drag
+                gains -= resistance * u.rolling
                 if "torque_zero" in self.states:
                     gains += x[self.place("torque_zero")] * u.lever
                 rows.append(self.accel_error(x, u) + gains)
