@@ -103,3 +103,18 @@ def test_a_filter_astray_is_brought_back_by_wheels_that_roll(
     after = TIME > 10
     np.testing.assert_allclose(said.values["speed"][after], speed[after], atol=0.3)
     assert np.abs(said.values["grade"][TIME > 12]).max() < 0.03
+
+
+@pytest.mark.parametrize("phase", [0.0, 1.0, 2.0])
+def test_anti_lock_brakes_that_hold_every_wheel_below_the_speed_for_long(
+    vehicle: Vehicle, estimator: Estimator, phase: float
+) -> None:
+    """What all wheels err by lasts: samples of 18 s do not average it away."""
+    braking = np.maximum(TIME - 2, 0.0)
+    speed = 22 - 0.6 * braking
+    phases = phase + np.array([0.0, 2.0, 4.0, 5.0])[:, None]
+    slips = (-0.3 - 0.24 * np.cos(2 * np.pi * 1.3 * TIME + phases)) * np.minimum(braking / 0.3, 1.0)
+    said = scan(estimator, on_ice(vehicle, speed, slips, -0.01))
+    off = np.abs(said.values["speed"] - speed)
+    assert off.max() < 1.6
+    assert np.mean(off < 1.96 * said.std["speed"]) > 0.95

@@ -27,6 +27,7 @@ _SLIP_LARGEST = 0.15
 _SLIP_LAG = 0.025  # s by which force and slip are not of the same moment: 1σ
 _RUNAWAY = (0.4, 3.0)  # m/s by which a wheel may leave the rest, and 1σ over what is beyond
 _RACING = (5.0, 1.8, 0.5)  # m/s² by which a wheel, and all, may outrun the car, and s of mistrust then
+_RACE_TIME = 1.5  # s: how long that lasts, under anti-lock brakes that hold no wheel at the car's speed
 _CALM = 0.5  # m/s² below which a wheel has not outrun the car lately
 _TOGETHER = (0.03, 0.3, 1.5)  # share of the speed and m/s within which wheels agree, and s to believe them
 _DEAD_BAND = (0.7, 0.25, 0.1)  # m/s: a slower wheel may read down to zero, with this 1σ, for so long (s)
@@ -185,13 +186,12 @@ class TireContact(eqx.Module):
         bounds = (beyond > _RUNAWAY[0]) & (jnp.abs(bears) > _BEARS) & (spread < ANY)
         bounds = bounds & (jnp.abs(rim) > _DEAD_BAND[0])
         away, doubtful = jnp.where(bounds, _BOUND * beyond, away), jnp.where(bounds, 0.0, racing)
-        lasting = (_SLIP_SHARE * slip * speed) ** 2 + (_RUNAWAY[1] * away) ** 2 + (_RACING[2] * doubtful) ** 2
+        lasting = (_SLIP_SHARE * slip * speed) ** 2 + (_RUNAWAY[1] * away) ** 2
         lasting = lasting + (_LATE_ERROR * late * accel) ** 2
+        lasting = _SLIP_TIME * lasting + _RACE_TIME * (_RACING[2] * doubtful) ** 2
         slow = jnp.where(jnp.abs(rolling) < _DEAD_BAND[0], _DEAD_BAND[1], 0.0)
         noise = self.noise
-        std = jnp.sqrt(
-            noise**2 + lasting * _SLIP_TIME / since + slow**2 * jnp.maximum(_DEAD_BAND[2] / since, 1.0)
-        )
+        std = jnp.sqrt(noise**2 + lasting / since + slow**2 * jnp.maximum(_DEAD_BAND[2] / since, 1.0))
         return (
             state._replace(
                 racing=racing, together=together, rolling=jnp.where(sound, rolling_speed, least), rolls=sound
