@@ -9,7 +9,10 @@ from jaxtyping import Array, Bool, Float
 
 _MEAN_TIME = 0.05  # s: what lasts longer moves the car
 _MEMORY = 1.0  # s over which squares are averaged
-_LEAST_STEP = 1e-3  # s
+_STEADY = 60.0  # s for which a sensor's noise stays the same
+_LEAST = 1.3  # by which their mean exceeds the least of averages over a second
+_USUAL = 0.737  # share of a white noise's variance that the deviations have at 100 Hz
+_LEAST_STEP, _LONGEST_STEP = 1e-3, 0.3  # s
 _NOTHING = 1e-6  # in place of 0, at which roots have no derivative
 
 
@@ -19,19 +22,25 @@ class Shaking(NamedTuple):
     Unevenness shakes a body at 1 to 15 Hz, a sensor's noise is white. Of white noise of variance R, sampled
     every Δ, the deviation from a low pass, which takes a = 1 − e^(−Δ/τ) of each sample, has variance
     R (1 − a)² 2/(2 − a), and the difference of two samples 2R; so noise is told by the differences and taken
-    off the deviations, however large it is.
+    off the deviations, however large it is. Shaking makes samples differ, too, the more the rarer they come;
+    but a sensor's noise stays as it is, and where the road is smooth, or the car slow, it is all there is:
+    the least that the differences were of late counts.
 
     Attributes:
         last: latest sample.
         mean: low-passed samples.
-        apart: mean square of the deviations from that.
-        noise: and what a sensor's noise has in it.
+        apart: mean square of the deviations from that, over what white noise would have of its own.
+        seems: half of that of the differences.
+        noise: what of both a sensor's noise is.
+        heard: s of samples so far.
     """
 
     last: Float[Array, " k"]
     mean: Float[Array, " k"]
     apart: Float[Array, " k"]
+    seems: Float[Array, " k"]
     noise: Float[Array, " k"]
+    heard: Float[Array, " k"]
 
     @classmethod
     def still(cls, count: int) -> Shaking:
@@ -53,19 +62,26 @@ class Shaking(NamedTuple):
             first: whether nothing is to be remembered: the first sample, or one after a long gap.
             since: s since the last one.
         """
-        since = jnp.maximum(since, _LEAST_STEP)
+        since = jnp.clip(since, _LEAST_STEP, _LONGEST_STEP)
         share = -jnp.expm1(-since / _MEAN_TIME)
         mean = self.mean + jnp.where(is_fresh, jnp.where(first, 1.0, share) * (value - self.mean), 0.0)
-        white = 0.5 * (value - self.last) ** 2 * (1 - share) ** 2 * 2 / (2 - share)
-        counts = jnp.where(is_fresh & ~first, -jnp.expm1(-since / _MEMORY), 0.0)
+        counts = is_fresh & ~first
+        heard = self.heard + jnp.where(counts, since, 0.0)
+        passes = (1 - share) ** 2 * 2 / (2 - share)
+        span = jnp.where(counts, since, 0.0)
+        pace = span / jnp.clip(heard, since, _MEMORY)
+        seems = self.seems + pace * (0.5 * (value - self.last) ** 2 - self.seems)
+        grown = self.noise + span / _STEADY * (seems - self.noise)
         return Shaking(
             last=jnp.where(is_fresh, value, self.last),
             mean=mean,
-            apart=self.apart + counts * ((value - mean) ** 2 - self.apart),
-            noise=self.noise + counts * (white - self.noise),
+            apart=self.apart + pace * ((value - mean) ** 2 / passes - self.apart),
+            seems=seems,
+            noise=jnp.where(heard < _MEMORY, seems, jnp.minimum(seems, grown)),
+            heard=heard,
         )
 
     @property
     def size(self) -> Float[Array, " k"]:
         """Root mean square of what is no noise, in the signals' unit."""
-        return jnp.sqrt(jnp.maximum(self.apart - self.noise, _NOTHING**2))
+        return jnp.sqrt(jnp.maximum(_USUAL * (self.apart - _LEAST * self.noise), _NOTHING**2))
