@@ -275,7 +275,7 @@ class AlongModel(StateSpaceModel):
 
 def _as_resistance(vehicle: Vehicle, bias: float) -> float:
     """Which coefficient of rolling resistance does as much as 1σ of each driven wheel's constant error."""
-    driven = 4 if vehicle.driveline.driven == "all" else 2
+    driven = sum(vehicle.driveline.drives)
     return float(driven**0.5 * bias / (vehicle.wheels.radius * vehicle.mass * GRAVITY))
 
 

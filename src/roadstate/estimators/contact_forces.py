@@ -27,7 +27,7 @@ from roadstate.estimators.intake import (
 )
 from roadstate.estimators.load_transfer import Lean
 from roadstate.estimators.signals import NEVER, STANDSTILL_SPEED, Held
-from roadstate.estimators.traction import BrakeWatch, Traction, TractionMeter, TractionState
+from roadstate.estimators.traction import LEAST_BRAKING, BrakeWatch, Traction, TractionMeter, TractionState
 from roadstate.vehicles import SevenDofForces
 
 if TYPE_CHECKING:
@@ -51,7 +51,6 @@ _APART = 1.0  # m/s² by which an accelerometer that is not shaken differs from 
 NOISY = 0.012
 """Share of an axle's load by which sensors' noise makes its force lead a low pass."""
 _STIRRED = 0.15  # s for which what stirs up wheels and brakes goes on
-_HOLDS = 0.15  # m/s² that brakes slow the car down by, from which on they hold one that stands
 # an axle's F_y over its load up to which it is low-passed, as a share of what a rough road shakes the car by
 # both ways, and at the least; and s over which
 _BOUNCES, _STEADY, _BOUNCE_TIME = 8.0, 1e-3, 0.2
@@ -243,7 +242,7 @@ class ForceMeter(eqx.Module):
         may_brake = unknown | (brakes.possible & (not knows_brakes))
         coefficient = car.rolling_resistance + car.rolling_resistance_speed * speed**2
         angle = jnp.clip(signals.smooth[STEER], -0.9, 0.9)
-        brakes_hold = jnp.sum(drive.brake_torque) > _HOLDS * mass * radius
+        brakes_hold = jnp.sum(drive.brake_torque) > LEAST_BRAKING * mass * radius
         brakes_hold = brakes_hold | unknown | (drive.age >= STALE)
         scene = _Scene(
             load=load,

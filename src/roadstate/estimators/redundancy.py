@@ -129,8 +129,7 @@ class Redundancy(eqx.Module):
             (1 / tires.cornering_stiffness_front - 1 / tires.cornering_stiffness_rear) / GRAVITY
         )
         self.slip_stiffness = leaf(tires.slip_stiffness)
-        ends = {"front": (True, False), "rear": (False, True), "all": (True, True)}[vehicle.driveline.driven]
-        self.driven = jnp.asarray(np.repeat(ends, 2))
+        self.driven = jnp.asarray(vehicle.driveline.drives)
         self.has_wheels = any(c.startswith("wheel_speed") for c in available)
         self.slowest = _SLOWEST[0 if "gear_ratio" in available else 1]
 

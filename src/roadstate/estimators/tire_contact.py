@@ -14,6 +14,7 @@ from roadstate.estimators.axle_forces import AxleForces, by_axle, steered_cosine
 from roadstate.estimators.base import leaf
 from roadstate.estimators.intake import ACCEL_Y, SMOOTHING, SPIN, STALE, STEER, YAW_RATE, Signals
 from roadstate.estimators.sideways import SLIP_ERROR, Touch
+from roadstate.estimators.traction import LEAST_BRAKING
 from roadstate.linalg import root
 
 if TYPE_CHECKING:
@@ -43,7 +44,6 @@ _VAGUE = 1.0  # m/s: 1σ of a speed that tells nothing of which wheel slips
 _UNKNOWN = 0.03  # of what wheels are apart then: 1σ of what the one slips that slips least
 _BOUND = 0.07  # of what a wheel bounds the speed by: 1σ of what it slips itself
 _BEARS = 0.03  # force over load from which on its sign is known
-_ROLLS = 0.15  # m/s²: no brakes are applied that slow the car down by less
 # 1σ of forces along and across, low-passed, over g and load, as a share of the lesser of what a rough road
 # shakes the accelerometers by both ways: tires bear more and less as they bounce
 _SHAKEN = (1.05, 3.3)
@@ -211,7 +211,7 @@ class TireContact(eqx.Module):
         self, rim: Array, told: Array, forces: AxleForces
     ) -> tuple[Bool[Array, " 4"], Float[Array, ""], Bool[Array, ""]]:
         """Which wheels nothing drives or brakes, the speed they tell, and whether they agree on it."""
-        brakes = (forces.age >= STALE) | forces.is_brake_unknown | (jnp.abs(forces.brake) > _ROLLS)
+        brakes = (forces.age >= STALE) | forces.is_brake_unknown | (jnp.abs(forces.brake) > LEAST_BRAKING)
         free = told & ~np.array(self.driven) & ~brakes & (jnp.abs(rim) > _DEAD_BAND[0])
         count = jnp.sum(free)
         speed = jnp.sum(jnp.where(free, rim, 0.0)) / jnp.maximum(count, 1)

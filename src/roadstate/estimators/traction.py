@@ -24,7 +24,8 @@ _SHIFT_TIME = 0.7  # s after a change of gear during which torque and inertia ar
 _RATIO_JUMP = 0.08  # relative change of ratio between samples that counts as another gear
 _RATIO_RATE = 0.35  # 1/s: relative rate of change of a measured ratio that means slip or a shift
 _BRAKE_RELATIVE = 0.2  # 1σ of a brake's torque per pressure (pads, temperature)
-_LEAST_BRAKING = 0.15  # m/s²: measured brake torque below it is noise or drag
+LEAST_BRAKING = 0.15
+"""m/s²: a brake torque that slows the car down by less is noise or drag."""
 _LEAST_PRESSURE = 1e5  # Pa: as much holds the pads back
 _BRAKE_LAG = 0.3  # s: filter of the acceleration that betrays a brake
 _BRAKE_SIGN = 0.8  # m/s²: missing specific force that betrays a brake while the engine pulls
@@ -165,7 +166,7 @@ class TractionMeter(eqx.Module):
     def __init__(self, vehicle: Vehicle, available: Collection[str]) -> None:
         driveline = vehicle.driveline
         ratios = [r * driveline.final_drive for r in driveline.gear_ratios] or [driveline.final_drive]
-        driven = {"front": _DRIVE[:2], "rear": _DRIVE[2:], "all": _DRIVE}[driveline.driven]
+        driven = [w for w, drives in zip(_DRIVE, driveline.drives, strict=True) if drives]
         wheels = tuple(w for w in driven if w in available)  # a sensor elsewhere would add its error only
         unseen = [w for w in driven if w not in wheels]
         if not unseen:
@@ -309,5 +310,5 @@ class TractionMeter(eqx.Module):
         if "brake" in held:
             pressed |= held["brake"].value > 0
         torque = jnp.stack(torques)
-        acts = pressed | (jnp.sum(torque) > _LEAST_BRAKING * self._mass * self._radius)
+        acts = pressed | (jnp.sum(torque) > LEAST_BRAKING * self._mass * self._radius)
         return jnp.where(acts, torque, 0.0), pressed

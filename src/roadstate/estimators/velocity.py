@@ -149,11 +149,10 @@ class VelocityObserver(eqx.Module):
         accel, tires = vehicle.sensors.accel, vehicle.tires
         self._given, self._meter = given, meter
         self._noise = jnp.asarray(np.array([getattr(vehicle.sensors, c).noise for c in given]))
-        driven = {"front": ("front",), "rear": ("rear",), "all": ("front", "rear")}[vehicle.driveline.driven]
-        share = 2.0 / len(driven) / tires.slip_stiffness
-        self._slip = jnp.asarray(
-            np.array([share if a.rsplit("_", 1)[1] in driven else 0.2 * share for a in axles])
-        )
+        front, _, rear, _ = vehicle.driveline.drives
+        share = 2.0 / (front + rear) / tires.slip_stiffness
+        drives = [front if a.endswith("front") else rear for a in axles]
+        self._slip = jnp.asarray(np.where(np.array(drives, bool), share, 0.2 * share))
         self.channels = tuple(dict.fromkeys((*given, *(meter.channels if meter is not None else ()))))
         slope = np.hypot(GRAVITY * vehicle.prior.grade_std, accel.bias)
         lasting = np.array([0.0, np.hypot(accel.bias, 0.01 * GRAVITY)]) * np.sqrt(2 * _SLIP_TIME)
