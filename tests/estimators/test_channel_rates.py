@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from tests.estimators.friction_drives import lane_change, level_car
 
 from roadstate.core import Log
 from roadstate.estimators import build
@@ -46,3 +47,11 @@ def test_rows_between_its_samples_make_a_channel_no_less_sure(
     for quantity in {"speed", "grade", "velocity_y"} & set(few.std):
         ratio = np.median(many.std[quantity][::WITHIN][500:] / few.std[quantity][500:])
         assert ratio == pytest.approx(1.0, abs=0.06), quantity
+
+
+@pytest.mark.parametrize("name", ["friction-ukf", "lm-aekf", "two-stage"])
+def test_nor_do_they_make_the_friction_less_sure(name: str) -> None:
+    """A lane change: what a tire model errs by lasts, and averages away by the sample."""
+    log, car = lane_change(), level_car()
+    few, many = (scan(build(name, car, a.available), a) for a in (log, row_by_row(log)))
+    np.testing.assert_allclose(many.std["friction_peak"][::WITHIN], few.std["friction_peak"], rtol=0.03)

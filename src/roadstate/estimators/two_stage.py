@@ -18,7 +18,7 @@ from roadstate.core.estimates import Validity
 from roadstate.core.gaussian import Info
 from roadstate.core.kernel import once
 from roadstate.estimators.base import Estimate, Estimator, Need, Sample, leaf
-from roadstate.estimators.contact import NEEDS, OPTIONAL, Contact, ContactMeter, ContactState
+from roadstate.estimators.contact import NEEDS, OPTIONAL, Contact, ContactMeter, ContactState, sampled
 from roadstate.estimators.force_filter import (
     SLOWEST,
     Direct,
@@ -220,7 +220,8 @@ class TwoStage(Estimator[TwoStageState]):
             sample[self.sensors[2]],
         ]
         known = ahead if self.takes_direct else forces
-        u, moved = once(self._input(contact, effects, known, direct, before, dt))
+        since = sampled(state.contact, dt)
+        u, moved = once(self._input(contact, effects, known, direct, before, since, dt))
         z = jnp.stack(rows) - moved
         z = jnp.where(moves & jnp.isfinite(z), z, jnp.nan)
         friction, info = self.filter.step(self.model, state.friction, u, z, dt)
@@ -341,6 +342,7 @@ class TwoStage(Estimator[TwoStageState]):
         known: ForceState,
         direct: Direct,
         friction: Float[Array, " 4"],
+        since: Float[Array, ""],
         dt: Float[Array, ""],
     ) -> tuple[ForcesInput, Float[Array, " m"]]:
         """What the forces do to the car per μ, and how wrong that may be.
@@ -381,14 +383,13 @@ class TwoStage(Estimator[TwoStageState]):
         lasting = spread(direct.lasting)
         error = lasting + spread(from_channels(jnp.diag(self.forces.channel_std(known))))
         doubt = 1 + jnp.minimum(9 * error / (value**2 + _TINY), _MOST_DOUBT) ** 2
-        step = jnp.maximum(dt, _LEAST_STEP)
         is_rate = np.array([s == "yaw_rate" for s in self.sensors])
         density = jnp.asarray([True, True, False])
-        sensors = self.sensor_noise / jnp.where(density, jnp.sqrt(step), 1.0)
+        sensors = self.sensor_noise / jnp.where(density, jnp.sqrt(since), 1.0)
         # a yaw rate is integrated from the forces, so that their errors are not the sensor's
         own = jnp.where(is_rate, 0.0, sensors)
         white = jnp.sqrt(own**2 + spread(direct.white))
-        errors = 2 * (lasting * _ERROR_TIME + self.bias**2 * _BIAS_TIME) / step
+        errors = 2 * (lasting * _ERROR_TIME + self.bias**2 * _BIAS_TIME) / since
         errors = doubt * errors + (doubt - 1) * white**2
         moved = jnp.sum(effects * (twice * (direct.force - normalized)), axis=1)
         sensor_std, lasting_std = jnp.where(is_rate, sensors, white), jnp.where(is_rate, 0.0, root(errors))
