@@ -93,3 +93,17 @@ def test_a_tire_slides_outward_whichever_way_it_rolls(
 def test_a_bend_is_no_slope_whichever_way_it_is_driven(vehicle: Vehicle, name: str, direction: float) -> None:
     said = said_of(name, vehicle, driven(vehicle, np.full(2000, direction * 8.0), 0.05))
     assert np.abs(np.mean(said.values["grade"][-500:])) < 0.008
+
+
+@pytest.mark.parametrize("direction", [FORWARD, BACKWARD])
+@pytest.mark.parametrize("curvature", [0.0, 0.05])
+@pytest.mark.parametrize("name", ["joint", "tfobe", "debe"])
+def test_brakes_that_no_channel_tells_of(
+    vehicle: Vehicle, name: str, curvature: float, direction: float
+) -> None:
+    """They push ahead a car that backs up; what its front tires hold back in a bend is no brake."""
+    speed = direction * (7 - 2 * np.cos(np.pi * np.arange(0, 24, STEP) / 3))
+    log = driven(vehicle, speed, curvature)
+    bus = Log(log.time, {c: v for c, v in log.channels.items() if not c.startswith("brake_torque")})
+    grade = said_of(name, vehicle, bus).values["grade"][BEGINS:]
+    assert np.sqrt(np.mean(grade**2)) < (0.011 if name == "debe" else 0.0075)

@@ -20,13 +20,13 @@ DT = 0.01
 Array = NDArray[np.float64]
 
 
-def watched(*parts: tuple[float, float, float]) -> BrakeWatch:
+def watched(*parts: tuple[float, float, float], forward: float = 1.0) -> BrakeWatch:
     """After parts of a drive: s, specific force, what the drive makes of it (m/s²)."""
     watch = BrakeWatch.none()
     for seconds, accel, push in parts:
         for _ in range(round(seconds / DT)):
             held = Held(jnp.asarray(accel), jnp.zeros(()))
-            watch = watch.take(held, jnp.asarray(push), jnp.asarray(push), jnp.asarray(DT))
+            watch = watch.take(held, *map(jnp.asarray, (push, push, forward, DT)))
     return watch
 
 
@@ -51,6 +51,12 @@ def test_when_brakes_seem_or_may_act(
 ) -> None:
     watch = watched(*parts)
     assert (bool(watch.seems), bool(watch.possible)) == (seems, possible)
+
+
+def test_brakes_push_ahead_a_car_that_backs_up() -> None:
+    parts = [(2.0, -1.0, -1.0), (0.5, 0.6, 0.0)]
+    assert bool(watched(*parts, forward=-1.0).seems)
+    assert not bool(watched(*parts).seems)
 
 
 @pytest.mark.parametrize("name", ["joint", "tfobe", "debe"])

@@ -26,7 +26,7 @@ from roadstate.estimators.intake import (
     Signals,
 )
 from roadstate.estimators.load_transfer import Lean
-from roadstate.estimators.signals import NEVER, STANDSTILL_SPEED, Held
+from roadstate.estimators.signals import NEVER, STANDSTILL_SPEED, Held, way
 from roadstate.estimators.traction import LEAST_BRAKING, BrakeWatch, Traction, TractionMeter, TractionState
 from roadstate.vehicles import SevenDofForces
 
@@ -96,6 +96,7 @@ class _Scene(NamedTuple):
     slope: Float[Array, ""]
     cosine: Float[Array, ""]
     sine: Float[Array, ""]
+    forward: Float[Array, ""]
     known: Bool[Array, ""]
     felt: Bool[Array, ""]
     unknown: Bool[Array, ""]
@@ -233,15 +234,15 @@ class ForceMeter(eqx.Module):
         new = jnp.where(state.age < STALE, -jnp.expm1(-dt / SMOOTHING), 1.0)
         torque = state.torque + new * (fresh - state.torque)
         held = Held(signals.value[ACCEL_X], signals.age[ACCEL_X])
-        push = jnp.sum(pulling) / (radius * mass)
-        gentle = jnp.sum(torque[:4]) / (radius * mass)
-        brakes = state.brakes.take(held, push - drag, gentle, dt)
+        push, gentle = (jnp.sum(part) / (radius * mass) for part in (pulling, torque[:4]))
+        angle, forward = jnp.clip(signals.smooth[STEER], -0.9, 0.9), way(speed)
+        bend = accel[1] * jnp.sin(angle) * car.cg_to_rear_axle / self._wheelbase  # front tires hold back
+        brakes = state.brakes.take(held, push - drag - bend, gentle, forward, dt)
         knows_brakes = self._traction is not None and self._traction.knows_brakes
         watches = (held.age < STALE) & (not knows_brakes)
         unknown = drive.is_brake_unknown | (brakes.seems & watches)
         may_brake = unknown | (brakes.possible & (not knows_brakes))
         coefficient = car.rolling_resistance + car.rolling_resistance_speed * speed**2
-        angle = jnp.clip(signals.smooth[STEER], -0.9, 0.9)
         brakes_hold = jnp.sum(drive.brake_torque) > LEAST_BRAKING * mass * radius
         brakes_hold = brakes_hold | unknown | (drive.age >= STALE)
         scene = _Scene(
@@ -252,6 +253,7 @@ class ForceMeter(eqx.Module):
             slope=slope,
             cosine=jnp.cos(angle),
             sine=jnp.sin(angle),
+            forward=forward,
             known=drive.age < STALE,
             felt=signals.age[ACCEL_X] < STALE,
             unknown=unknown,
@@ -331,7 +333,7 @@ class ForceMeter(eqx.Module):
         rest = mass * (accel[0] + at.drag) - pull
         most = _LARGEST * mass * GRAVITY * radius
         share = jnp.abs(torque[:4]) + jnp.abs(torque[4:]) + 0.02 * most * self.driven
-        blind = at.unknown | ((at.may_brake | ~at.known) & (rest < 0))
+        blind = at.unknown | ((at.may_brake | ~at.known) & (at.forward * rest < 0))
         share = jnp.where(at.known, share / jnp.sum(share), self.driven)
         braked = at.load / jnp.sum(at.load) if self._braked is None else self._braked
         share = jnp.where(blind, braked, share)

@@ -23,6 +23,7 @@ from roadstate.estimators.signals import (
     SpeedMeter,
     random_walk_growth,
     signed_direction,
+    way,
 )
 from roadstate.estimators.traction import BrakeWatch, Traction, TractionMeter, TractionState
 from roadstate.filters import UKF, FilterState, GateRule
@@ -165,6 +166,7 @@ class DEBE(Estimator[DEBEState]):
     traction: TractionMeter
     mass: Float[Array, ""]
     cornering_drag: Float[Array, ""]
+    front_share: Float[Array, ""]
     drive_relative: Float[Array, ""]
     drag_relative: Float[Array, ""]
     rolling_std: Float[Array, ""]
@@ -212,6 +214,7 @@ class DEBE(Estimator[DEBEState]):
                 front_share / tires.cornering_stiffness_front
                 + (1 - front_share) / tires.cornering_stiffness_rear
             ),
+            front_share=leaf(front_share),
             drive_relative=leaf(hypot(torque.relative, prior.mass_relative)),
             drag_relative=leaf(prior.drag_relative),
             rolling_std=leaf(prior.rolling_resistance_std),
@@ -238,8 +241,10 @@ class DEBE(Estimator[DEBEState]):
         cornering = self.cornering_drag * lateral**2 / GRAVITY * jnp.tanh(speed / STANDSTILL_SPEED)
         known = drive.age < _STALE
         push = jnp.where(known, drive.force / self.mass, 0.0)
-        explained = push - self.model.resistance(speed, grade) - cornering
-        watch = state.brakes.take(accel, explained, drive.drive_force / self.mass, dt)
+        # of what cornering costs an accelerometer tells what the front tires hold back, and no v_y r
+        bend = self.front_share * lateral * jnp.sin(jnp.where(steer.age < _STALE, steer.value, 0.0))
+        explained = push - self.model.resistance(speed, grade) - bend
+        watch = state.brakes.take(accel, explained, drive.drive_force / self.mass, way(speed), dt)
         braking, unknown = self._brakes(drive, accel, watch)
         stands = jnp.abs(speed) < STANDSTILL_SPEED
         intensity = jnp.hypot(_MODEL_NOISE, drive.torque_std / self.mass * _TORQUE_TIME**0.5)

@@ -14,7 +14,7 @@ from roadstate.core.channels import WHEELS
 from roadstate.core.constants import GRAVITY
 from roadstate.core.gaussian import Info
 from roadstate.estimators.base import Sample, leaf
-from roadstate.estimators.signals import STANDSTILL_SPEED, Held, SpeedMeter, signed_direction
+from roadstate.estimators.signals import STANDSTILL_SPEED, Held, SpeedMeter, signed_direction, way
 from roadstate.estimators.tire_forces import (
     BRAKE_RELATIVE,
     FORCE_X,
@@ -163,7 +163,12 @@ class ForceObserver(eqx.Module):
         radius, mass = car.wheel_radius[0], car.mass
         push = jnp.sum(torque) / (radius * mass)
         gentle = jnp.sum(smooth[:4]) / (radius * mass)
-        brakes = state.brakes.take(held["accel_x"], push - car.drag(speed) / mass, gentle, dt)
+        angle = jnp.clip(held["steer"].value, -0.9, 0.9)
+        drag = car.drag(speed) / mass
+        # the front tires of a car that turns hold it back
+        share = car.cg_to_rear_axle / (car.cg_to_front_axle + car.cg_to_rear_axle)
+        bend = share * held["accel_y"].value / self._lean[1] * jnp.sin(angle)
+        brakes = state.brakes.take(held["accel_x"], push - drag - bend, gentle, way(speed), dt)
         watches = (held["accel_x"].age < _STALE) & (not self._traction.knows_brakes)
         unknown = drive.is_brake_unknown | (brakes.seems & watches)
         may_brake = unknown | (brakes.possible & (not self._traction.knows_brakes))
@@ -175,8 +180,6 @@ class ForceObserver(eqx.Module):
         jump = torque - braking - smooth[:4] + smooth[4:]
         noise = self._torque_noise(drive, jump, may_brake, speed)
         step = jnp.clip(jnp.stack([state.held[n].age for n in FELT[:2]]) + dt, _LEAST_STEP, _STALE)
-        angle = jnp.clip(held["steer"].value, -0.9, 0.9)
-        drag = car.drag(speed) / mass
         load = self._load(state)
         rolling = load * radius * jnp.tanh(speed / STANDSTILL_SPEED)
         coefficient = car.rolling_resistance + car.rolling_resistance_speed * speed**2

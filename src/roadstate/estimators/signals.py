@@ -58,6 +58,11 @@ def signed_direction(gear_ratio: Float[Array, ""]) -> Float[Array, ""]:
     return jnp.where(gear_ratio < 0, -1.0, 1.0)
 
 
+def way(speed: Float[Array, ""]) -> Float[Array, ""]:
+    """−1 where the car backs up, m/s, else 1 (also where it stands): whither brakes do not push it."""
+    return jnp.where(speed < -STANDSTILL_SPEED, -1.0, 1.0)
+
+
 def _split(sample: Float[Array, ""]) -> tuple[Bool[Array, ""], Float[Array, ""]]:
     """Whether a sample is there, and its value or 0: a NaN would spoil the derivative by any factor of it."""
     seen = jnp.isfinite(sample)

@@ -74,7 +74,8 @@ class BrakeWatch(NamedTuple):
     """Betrays brakes that no channel tells of: specific force is what tires and air do, whatever the slope.
 
     Attributes:
-        missing: low-passed specific force (m/s²) that is there beyond what the drive explains.
+        missing: low-passed specific force (m/s²) that is there beyond what the drive explains, in the
+            direction of travel.
         now: the same at this instant.
         coasting: whether the drive hardly pulls.
         pulled: s for which it has pulled so that nobody brakes; once it was long enough, it stays so.
@@ -92,7 +93,12 @@ class BrakeWatch(NamedTuple):
         return cls(zero, zero, zero > 0, zero)
 
     def take(
-        self, accel: Held, explained: Float[Array, ""], push: Float[Array, ""], dt: Float[Array, ""]
+        self,
+        accel: Held,
+        explained: Float[Array, ""],
+        push: Float[Array, ""],
+        forward: Float[Array, ""],
+        dt: Float[Array, ""],
     ) -> BrakeWatch:
         """A sample later.
 
@@ -100,9 +106,11 @@ class BrakeWatch(NamedTuple):
             accel: specific force, m/s².
             explained: what is known to act makes of it, m/s².
             push: the drive's part, m/s².
+            forward: −1 where the car backs up, else 1.
             dt: s.
         """
-        now = jnp.where(accel.age == 0, accel.value - explained, self.missing)
+        push = forward * push
+        now = jnp.where(accel.age == 0, forward * (accel.value - explained), self.missing)
         missing = self.missing - jnp.expm1(-dt / _BRAKE_LAG) * (now - self.missing)
         pulled = jnp.where(jnp.abs(push) > _PULLS[0], self.pulled + dt, 0.0)
         pulled = jnp.where(self.seems, 0.0, pulled)
