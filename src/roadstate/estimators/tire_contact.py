@@ -41,7 +41,7 @@ _LATE_ERROR = 0.5  # 1σ of that lateness, as a share of it
 _YIELDS = 0.025  # s: lag of the force behind the angle that suspension and steering add to the tire's
 _LAG_ERROR = 0.015  # s: 1σ of that lag
 _VAGUE = 1.0  # m/s: 1σ of a speed that tells nothing of which wheel slips
-_UNKNOWN = 0.03  # of what wheels are apart then: 1σ of what the one slips that slips least
+_UNKNOWN = 0.01  # of what wheels are apart then: 1σ of what the one slips that slips least
 _BOUND = 0.07  # of what a wheel bounds the speed by: 1σ of what it slips itself
 _BEARS = 0.03  # force over load from which on its sign is known
 # 1σ of forces along and across, low-passed, over g and load, as a share of the lesser of what a rough road
