@@ -53,7 +53,7 @@ def test_speed_while_braking(vehicle: Vehicle, late: float, bigger: float) -> No
     found = scan(build("joint", vehicle, log.available), log)
     error, std = found.values["speed"] - true, found.std["speed"]
     assert np.abs(error / std).max() < 2.5
-    assert np.abs(error[200:]).max() < 0.14
+    assert np.abs(error[200:]).max() < 0.16
 
 
 def test_one_sample_of_everything_is_no_exact_speed(vehicle: Vehicle) -> None:
