@@ -106,7 +106,7 @@ def world_of(vehicle: Vehicle, tire: MagicFormula) -> World:
         "radius": vehicle.wheels.radius,
         "load_x": -axle * g.cg_height / (2 * vehicle.wheelbase),
         "load_y": -side * share * g.cg_height / track,
-        "drag": 0.5 * vehicle.aerodynamics.air_density * vehicle.drag_area,
+        "drag": vehicle.drag_factor,
     }
     prior = vehicle.prior
     grade, bank = (

@@ -182,7 +182,7 @@ def model(vehicle: Vehicle) -> StateSpaceModel:
         np.hypot(accel.bias, GRAVITY * suite.imu.mounting_std), MASS_OFF, drive.gain_std / np.sqrt(driven),
         brake.gain_std * np.linalg.norm(_BRAKE_SHARES), accel.gain_std, drive.bias * np.sqrt(driven) * lever,
         suite.imu.mounting_std, gyro.bias,
-        MASS_OFF * 0.5 * vehicle.aerodynamics.air_density * vehicle.drag_area / vehicle.mass,
+        MASS_OFF * vehicle.drag_factor / vehicle.mass,
         MASS_OFF * GRAVITY * vehicle.rolling_resistance.coefficient,
     ]  # fmt: skip
     velocity = suite.gnss.velocity.noise

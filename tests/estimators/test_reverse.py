@@ -21,7 +21,7 @@ FORWARD, BACKWARD = 1.0, -1.0
 def driven(vehicle: Vehicle, speed: Array, curvature: float) -> Log:
     """A level road: linear tires, F_x as speed and lateral forces ask for, all of a drive at the front."""
     rng, figures, mass = np.random.default_rng(0), vehicle.geometry, vehicle.mass
-    base = figures.cg_to_front_axle + figures.cg_to_rear_axle
+    base = vehicle.wheelbase
     yaw_rate, steer = curvature * speed, curvature * base
     across = speed * yaw_rate
     slides = across / GRAVITY / vehicle.tires.cornering_stiffness_rear

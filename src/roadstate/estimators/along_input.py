@@ -29,7 +29,7 @@ from roadstate.estimators.intake import (
 )
 from roadstate.estimators.noise_learning import NoiseLearner, Unrest
 from roadstate.estimators.pitch import Pitching, lean_std
-from roadstate.estimators.signals import NEVER
+from roadstate.estimators.signals import NEVER, span
 from roadstate.estimators.tire_contact import ANY, ContactState, TireContact
 from roadstate.linalg import root
 
@@ -41,7 +41,6 @@ _UNSEEN = 4.0  # m/s²/√Hz: of an acceleration that neither accelerometer nor 
 # m/s² per s of a gap in the log, and m/s²: 1σ of how the car sped up between the samples on either side
 _BETWEEN = (0.5, 2.0)
 _HILLY = 0.08  # slope on which that changes the rate of climb
-_LEAST_STEP = 1e-3  # s
 _FIRST = 0.01  # s that the first sample of all counts for
 _AGE = 0.1  # s by which a receiver's rate of climb may be late
 _JITTER = 0.02  # s: 1σ of what its speed is later or earlier than usual
@@ -92,7 +91,7 @@ class AlongIntake(eqx.Module):
         self.sensor_std = jnp.asarray(np.array([noise.get(s, wheel) for s in sensors]))
         self.accel_noise = leaf(own.accel.noise_density)
         self.pitching = leaf(GRAVITY * vehicle.body.pitch_gradient)
-        self.drag = leaf(0.5 * vehicle.aerodynamics.air_density * vehicle.drag_area / vehicle.mass)
+        self.drag = leaf(vehicle.drag_factor / vehicle.mass)
 
     def start(self) -> Unrest:
         """No innovation has come yet."""
@@ -216,7 +215,7 @@ class AlongIntake(eqx.Module):
             u = u._replace(intensity=jnp.where(felt, self.white(state.unrest, forces)[0], u.intensity))
         u = u._replace(intensity=jnp.hypot(u.intensity, between))
         if "attitude" in self.sensors:
-            parts.append(jnp.where(jnp.isfinite(sample["pitch_rate"]), 0.0, jnp.nan)[None])
+            parts.append(jnp.zeros(1))  # where a pitch rate comes that is believed
             stds.append(lean_std(state.pitch, _since(state.pitch.rate.age, dt))[None])
         z, std = once((jnp.concatenate(parts), jnp.concatenate(stds)))
         last = len(self.learned)
@@ -228,5 +227,5 @@ class AlongIntake(eqx.Module):
 
 
 def _since(age: Array, dt: Array) -> Array:
-    """What span, s, samples count for that come ``dt`` after others which were ``age`` old."""
-    return jnp.where(age < NEVER, jnp.clip(age + dt, _LEAST_STEP, STALE), _FIRST)
+    """As :func:`~roadstate.estimators.signals.span`; of channels that nothing has come of, too."""
+    return jnp.where(age < NEVER, span(age, dt, STALE), _FIRST)

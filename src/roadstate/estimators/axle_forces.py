@@ -82,6 +82,17 @@ def steered_cosines(cosine: Float[Array, ""]) -> Float[Array, " 4"]:
     return jnp.stack([cosine, cosine, ahead, ahead])
 
 
+def held_back(across: Float[Array, ""], steer: Float[Array, ""], front: Float[Array, ""]) -> Float[Array, ""]:
+    """By what specific force, m/s², the front tires of a car that turns hold it back.
+
+    Args:
+        across: specific force across, m/s².
+        steer: mean front road-wheel angle, rad.
+        front: share of the force across that the front tires bear.
+    """
+    return front * across * jnp.sin(steer)
+
+
 def by_axle(wheels: Float[Array, " 4"]) -> Float[Array, " 2"]:
     """Sums over the wheels of the front and of the rear axle."""
     return wheels.reshape(2, 2).sum(axis=1)

@@ -32,7 +32,6 @@ NEEDS = (
 OPTIONAL = ("speed", "velocity_y", "gear_ratio")
 """What it uses where it is there."""
 _UNSEEN_SLIP = 0.05  # 1σ of a longitudinal slip that is not measured
-_LEAST_STEP = 1e-3  # s
 _FRICTION_SHARE = 0.3  # 1σ of the vehicle file's friction, as a share of it
 STEER_STD = 0.003
 """1σ of the mean road-wheel angle (offset, compliance), rad, where nothing else is told."""
@@ -63,16 +62,6 @@ class ContactState(NamedTuple):
 
     held: dict[str, Held]
     velocity: VelocityState | None
-
-
-def sampled(state: ContactState, dt: Float[Array, ""]) -> Float[Array, ""]:
-    """What span, s, a sample of the accelerometer counts for that comes ``dt`` after the last of any channel.
-
-    Args:
-        state: before it.
-        dt: s.
-    """
-    return jnp.clip(state.held["accel_y"].age + dt, _LEAST_STEP, STALE)
 
 
 class ContactMeter(eqx.Module):

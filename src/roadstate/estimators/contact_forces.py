@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float
 from roadstate.core.channels import WHEELS
 from roadstate.core.constants import GRAVITY
 from roadstate.core.errors import InputError
-from roadstate.estimators.axle_forces import AxleForces, Current, by_axle, damped, steered_cosines
+from roadstate.estimators.axle_forces import AxleForces, Current, by_axle, damped, held_back, steered_cosines
 from roadstate.estimators.base import Sample, leaf
 from roadstate.estimators.intake import (
     ACCEL_X,
@@ -236,7 +236,7 @@ class ForceMeter(eqx.Module):
         held = Held(signals.value[ACCEL_X], signals.age[ACCEL_X])
         push, gentle = (jnp.sum(part) / (radius * mass) for part in (pulling, torque[:4]))
         angle, forward = jnp.clip(signals.smooth[STEER], -0.9, 0.9), way(speed)
-        bend = accel[1] * jnp.sin(angle) * car.cg_to_rear_axle / self._wheelbase  # front tires hold back
+        bend = held_back(accel[1], angle, car.cg_to_rear_axle / car.wheelbase)
         brakes = state.brakes.take(held, push - drag - bend, gentle, forward, dt)
         knows_brakes = self._traction is not None and self._traction.knows_brakes
         watches = (held.age < STALE) & (not knows_brakes)
@@ -282,7 +282,7 @@ class ForceMeter(eqx.Module):
             split = jnp.hypot(split, _DIFFERENTIAL * jnp.abs(torque[:4]) / radius)
         unsure = jnp.where(scene.felt | (scene.known & ~unknown), 0.0, jnp.inf)
         rotation = jnp.abs(signals.rate[YAW_RATE])
-        moment = _INERTIA_ERROR * car.yaw_inertia * rotation / (axles * self._wheelbase)
+        moment = _INERTIA_ERROR * car.yaw_inertia * rotation / (axles * car.wheelbase)
         missing = jnp.where((signals.age[ACCEL_Y] < STALE) & (signals.age[YAW_RATE] < STALE), 0.0, jnp.inf)
         gust = 2 * drag / jnp.maximum(jnp.abs(speed), 1.0) * _GUST
         forces = AxleForces(
@@ -352,10 +352,6 @@ class ForceMeter(eqx.Module):
         inertia, kg·m² at the wheels, with their mean."""
         return self.car.wheel_inertia * spin + engine * self.driven * jnp.sum(self.driven * spin)
 
-    @property
-    def _wheelbase(self) -> Array:
-        return jnp.asarray(self.car.cg_to_front_axle + self.car.cg_to_rear_axle)
-
     def _torques(
         self, state: TractionState | None, sample: Sample, speed: Array, dt: Array
     ) -> tuple[TractionState | None, Traction]:
@@ -374,8 +370,8 @@ class ForceMeter(eqx.Module):
         moment = -jnp.sum(self._half_track * along * turn)  # the left side pushes to the right
         turning = car.yaw_inertia * yaw_accel - moment
         # the tires' aligning moments: each lateral force acts a trail behind its axle
-        front = ((car.cg_to_rear_axle + _TRAIL) * car.mass * accel_y + turning) / self._wheelbase
-        rear = ((car.cg_to_front_axle - _TRAIL) * car.mass * accel_y - turning) / self._wheelbase
+        front = ((car.cg_to_rear_axle + _TRAIL) * car.mass * accel_y + turning) / car.wheelbase
+        rear = ((car.cg_to_front_axle - _TRAIL) * car.mass * accel_y - turning) / car.wheelbase
         return jnp.stack([(front - (along[0] + along[1]) * sine) / cosine, rear])
 
     def _intensity(

@@ -15,6 +15,7 @@ from roadstate.core.channels import WHEELS
 from roadstate.core.constants import GRAVITY
 from roadstate.core.estimates import Validity
 from roadstate.core.gaussian import Gaussian, Info
+from roadstate.estimators.axle_forces import held_back
 from roadstate.estimators.base import Estimate, Estimator, Need, Sample, Smoothable, leaf
 from roadstate.estimators.road import GradePrior
 from roadstate.estimators.signals import (
@@ -195,7 +196,7 @@ class DEBE(Estimator[DEBEState]):
             states=("speed", "grade", "grade_rate"),
             sensors=meter.sensors,
             road=GradePrior(leaf(prior.grade_std), leaf(prior.grade_correlation_length)),
-            drag=leaf(0.5 * vehicle.aerodynamics.air_density * vehicle.drag_area / vehicle.mass),
+            drag=leaf(vehicle.drag_factor / vehicle.mass),
             rolling=leaf(vehicle.rolling_resistance.coefficient),
             rolling_speed=leaf(vehicle.rolling_resistance.speed_coefficient),
         )
@@ -242,7 +243,7 @@ class DEBE(Estimator[DEBEState]):
         known = drive.age < _STALE
         push = jnp.where(known, drive.force / self.mass, 0.0)
         # of what cornering costs an accelerometer tells what the front tires hold back, and no v_y r
-        bend = self.front_share * lateral * jnp.sin(jnp.where(steer.age < _STALE, steer.value, 0.0))
+        bend = held_back(lateral, jnp.where(steer.age < _STALE, steer.value, 0.0), self.front_share)
         explained = push - self.model.resistance(speed, grade) - bend
         watch = state.brakes.take(accel, explained, drive.drive_force / self.mass, way(speed), dt)
         braking, unknown = self._brakes(drive, accel, watch)

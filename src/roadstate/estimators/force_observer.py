@@ -13,8 +13,9 @@ from jaxtyping import Array, Bool, Float
 from roadstate.core.channels import WHEELS
 from roadstate.core.constants import GRAVITY
 from roadstate.core.gaussian import Info
+from roadstate.estimators.axle_forces import held_back
 from roadstate.estimators.base import Sample, leaf
-from roadstate.estimators.signals import STANDSTILL_SPEED, Held, SpeedMeter, signed_direction, way
+from roadstate.estimators.signals import STANDSTILL_SPEED, Held, SpeedMeter, signed_direction, span, way
 from roadstate.estimators.tire_forces import (
     BRAKE_RELATIVE,
     FORCE_X,
@@ -40,7 +41,6 @@ _CRAWL = 1.0  # m/s under which a brake's torque may be anything up to what it c
 _SMOOTHING = 0.15  # s: low pass of the torques that gains multiply
 _UNEVEN = 0.01  # m/s²/√Hz: what the road's unevenness does to the force that torques tell
 _GUST = 3.0  # m/s/√Hz: a wind that varies by 1 m/s over 5 s
-_LEAST_STEP = 1e-3  # s
 _SHARE_ERROR = (0.1, 0.02)  # of an axle's lateral force, and of load: 1σ of its distribution to the sides
 _CG_ERROR = 0.02  # 1σ of the share of an axle in the lateral force
 
@@ -165,9 +165,7 @@ class ForceObserver(eqx.Module):
         gentle = jnp.sum(smooth[:4]) / (radius * mass)
         angle = jnp.clip(held["steer"].value, -0.9, 0.9)
         drag = car.drag(speed) / mass
-        # the front tires of a car that turns hold it back
-        share = car.cg_to_rear_axle / (car.cg_to_front_axle + car.cg_to_rear_axle)
-        bend = share * held["accel_y"].value / self._lean[1] * jnp.sin(angle)
+        bend = held_back(held["accel_y"].value / self._lean[1], angle, car.cg_to_rear_axle / car.wheelbase)
         brakes = state.brakes.take(held["accel_x"], push - drag - bend, gentle, way(speed), dt)
         watches = (held["accel_x"].age < _STALE) & (not self._traction.knows_brakes)
         unknown = drive.is_brake_unknown | (brakes.seems & watches)
@@ -179,7 +177,7 @@ class ForceObserver(eqx.Module):
         turning = jnp.where(turning < 0, turning, direction * turning)
         jump = torque - braking - smooth[:4] + smooth[4:]
         noise = self._torque_noise(drive, jump, may_brake, speed)
-        step = jnp.clip(jnp.stack([state.held[n].age for n in FELT[:2]]) + dt, _LEAST_STEP, _STALE)
+        step = span(jnp.stack([state.held[n].age for n in FELT[:2]]), dt, _STALE)
         load = self._load(state)
         rolling = load * radius * jnp.tanh(speed / STANDSTILL_SPEED)
         coefficient = car.rolling_resistance + car.rolling_resistance_speed * speed**2

@@ -19,11 +19,11 @@ from roadstate.core.estimates import Validity
 from roadstate.core.gaussian import Info
 from roadstate.core.kernel import once
 from roadstate.estimators.base import Estimate, Estimator, Need, Sample, leaf
-from roadstate.estimators.contact import NEEDS, OPTIONAL, Contact, ContactMeter, ContactState, sampled
+from roadstate.estimators.contact import NEEDS, OPTIONAL, Contact, ContactMeter, ContactState
 from roadstate.estimators.friction_groups import mean_friction, mean_weights, reported
 from roadstate.estimators.friction_model import FrictionInput, FrictionModel
 from roadstate.estimators.friction_states import share_learned
-from roadstate.estimators.signals import Held
+from roadstate.estimators.signals import Held, span
 from roadstate.estimators.velocity import STALE
 from roadstate.filters.base import Filter
 from roadstate.linalg import tria
@@ -330,7 +330,7 @@ class FrictionEstimator(Estimator[FrictionState]):
         if self.has_own_noise:
             shares = model.wheel_shares(jnp.ones(4, x.dtype), contact) if model.is_proportional else None
             return FrictionInput(contact, distance, jnp.diag(self.sensor_std), leaf(_YAW_NOISE), shares)
-        step = sampled(state.contact, dt)
+        step = span(state.contact.held["accel_y"].age, dt, STALE)
         # noise is judged by a friction that a road can have: near zero, no force would exceed its own noise
         x = jnp.maximum(x, _LEAST)
         shares, slopes = once(model.sensitivity(x, contact))

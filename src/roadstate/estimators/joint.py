@@ -242,7 +242,7 @@ class Joint(Estimator[JointState]):
             pitch, pitching = self.pitch.read(pitch, sample, u.turning, u.smooth_across, tilt, dt)
             u = u._replace(pitching=pitching)
             is_attitude = np.array([s == "attitude" for s in self.sensors])
-            z = jnp.where(is_attitude & (pitch.rate.age > 0), jnp.nan, z)  # a sample that is refused is none
+            z = jnp.where(is_attitude & (pitch.rate.age > 0), jnp.nan, z)
         along, info = self.filter.step(self.along, state.along, u, z, dt)
         tells = np.array([s == "speed" or s in WHEEL_SPEEDS for s in self.sensors])
         if "attitude" in self.sensors:

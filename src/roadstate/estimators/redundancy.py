@@ -124,7 +124,7 @@ class Redundancy(eqx.Module):
         geometry, tires = vehicle.geometry, vehicle.tires
         self.radius = leaf(vehicle.wheels.radius)
         self.track = jnp.asarray([geometry.track_front, geometry.track_rear])
-        self.wheelbase = leaf(geometry.cg_to_front_axle + geometry.cg_to_rear_axle)
+        self.wheelbase = leaf(vehicle.wheelbase)
         self.understeer = leaf(
             (1 / tires.cornering_stiffness_front - 1 / tires.cornering_stiffness_rear) / GRAVITY
         )

@@ -24,6 +24,7 @@ _DEAD_BAND = 0.7
 """Below this speed (m/s) a wheel's tooth sensor may read anything down to zero."""
 _DEAD_BAND_STD = 0.25
 _DRIVEN_NOISE = 2.0  # how much less a driven axle is trusted than one that rolls freely
+_LEAST_STEP = 1e-3  # s
 NEVER = 1e6
 """s: age of what has not come yet."""
 
@@ -51,6 +52,19 @@ def random_walk_growth(age: Float[Array, ""], dt: Float[Array, ""]) -> Float[Arr
     So the variance that a held input adds to its integral comes out right however the time is cut up.
     """
     return dt * (age * (age + dt) + dt * dt / 3)
+
+
+def span(age: Float[Array, ...], dt: Float[Array, ""], longest: float) -> Float[Array, ...]:
+    """What time, s, samples count for that come ``dt`` after others of their channels, ``age`` old.
+
+    Errors that last are averaged by how many samples of theirs fit in, whatever other channels come between.
+
+    Args:
+        age: s, of any shape.
+        dt: s.
+        longest: s, the most that one sample counts for.
+    """
+    return jnp.clip(age + dt, _LEAST_STEP, longest)
 
 
 def signed_direction(gear_ratio: Float[Array, ""]) -> Float[Array, ""]:

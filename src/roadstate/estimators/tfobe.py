@@ -19,7 +19,7 @@ from roadstate.core.kernel import once
 from roadstate.estimators.base import Estimate, Estimator, Need, Sample, Smoothable, leaf
 from roadstate.estimators.force_observer import FELT, ForceObserver, Forces, ForceState, meter_sample
 from roadstate.estimators.road import GradePrior
-from roadstate.estimators.signals import STANDSTILL_SPEED, SpeedMeter
+from roadstate.estimators.signals import STANDSTILL_SPEED, SpeedMeter, span
 from roadstate.estimators.tire_forces import DRIVE_GAIN, FORCE_X, FORCE_Y, YAW_RATE
 from roadstate.filters import FilterState, GateRule
 from roadstate.filters.marginal import MarginalUKF
@@ -37,7 +37,6 @@ _SLIP_ANGLE_ERROR = (0.003, 0.15)  # rad, and share: 1σ of the rear slip angle 
 _MODEL_TIME = 1.0  # s: correlation time of these errors
 _LATERAL = 0.3  # m/s²/√Hz: what a bank does to v_y
 _YAW = 0.3  # rad/s²/√Hz: what forces do not tell of ṙ
-_LEAST_STEP = 1e-3  # s
 
 
 class _GradeInput(NamedTuple):
@@ -227,7 +226,7 @@ class TFOBE(Estimator[TFOBEState]):
         x = state.grade.gaussian.mean
         lower, forces, seen = self.observer.step(state.forces, sample, self.meter.steer(sample), x[0], dt)
         before, now = state.forces.filter.gaussian.mean, lower.filter.gaussian.mean
-        since = state.forces.held["yaw_rate"].age + dt
+        since = span(state.forces.held["yaw_rate"].age, dt, _MODEL_TIME)
         u, z, error = self._upper(forces, sample, before, now, x, since)
         grade, told = self.filter.step(self.model, state.grade, u, z, dt)
         speed_age = jnp.where(jnp.any(forces.is_seen), 0.0, state.speed_age + dt)
@@ -259,7 +258,7 @@ class TFOBE(Estimator[TFOBEState]):
             sample: the channels.
             before, now: means of the lower layer.
             x: mean of the upper one, so far.
-            since: s since the yaw rate before came.
+            since: s that a sample of the yaw rate counts for.
         """
         speed, vehicle = x[0], self.model.vehicle
         between = 0.5 * (before + now)
@@ -274,7 +273,7 @@ class TFOBE(Estimator[TFOBEState]):
         speeds, std = self.meter.read(metered, now[YAW_RATE], forces.steer, direction)
         angle = now[FORCE_Y.start + 1] / self.rear_stiffness
         error = jnp.abs(speed) * jnp.hypot(_SLIP_ANGLE_ERROR[0], _SLIP_ANGLE_ERROR[1] * angle) + 0.01
-        lasting = jnp.sqrt(_MODEL_TIME / jnp.clip(since, _LEAST_STEP, _MODEL_TIME))
+        lasting = jnp.sqrt(_MODEL_TIME / since)
         seen = jnp.isfinite(sample["yaw_rate"])
         lateral = jnp.where(seen, now[YAW_RATE] * vehicle.cg_to_rear_axle - jnp.abs(speed) * angle, jnp.nan)
         yaw_rate = jnp.where(seen, sample["yaw_rate"], jnp.nan)

@@ -18,7 +18,7 @@ from roadstate.core.estimates import Validity
 from roadstate.core.gaussian import Info
 from roadstate.core.kernel import once
 from roadstate.estimators.base import Estimate, Estimator, Need, Sample, leaf
-from roadstate.estimators.contact import NEEDS, OPTIONAL, Contact, ContactMeter, ContactState, sampled
+from roadstate.estimators.contact import NEEDS, OPTIONAL, Contact, ContactMeter, ContactState
 from roadstate.estimators.force_filter import (
     SLOWEST,
     Direct,
@@ -30,7 +30,7 @@ from roadstate.estimators.force_filter import (
 from roadstate.estimators.friction_groups import ALL_WHEELS, mean_friction, mean_weights, reported
 from roadstate.estimators.friction_of_forces import YAW_NOISE, ForcesInput, FrictionOfForces
 from roadstate.estimators.friction_states import share_learned
-from roadstate.estimators.signals import Held
+from roadstate.estimators.signals import Held, span
 from roadstate.estimators.two_stage_settings import PRINTED, Settings, first_stage, second_stage
 from roadstate.estimators.velocity import STALE
 from roadstate.filters.base import Filter
@@ -220,7 +220,7 @@ class TwoStage(Estimator[TwoStageState]):
             sample[self.sensors[2]],
         ]
         known = ahead if self.takes_direct else forces
-        since = sampled(state.contact, dt)
+        since = span(state.contact.held["accel_y"].age, dt, STALE)
         u, moved = once(self._input(contact, effects, known, direct, before, since, dt))
         z = jnp.stack(rows) - moved
         z = jnp.where(moves & jnp.isfinite(z), z, jnp.nan)

@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 from roadstate.core.constants import GRAVITY
 from roadstate.core.gaussian import Gaussian
 from roadstate.estimators.base import Sample, leaf
-from roadstate.estimators.signals import Held, SpeedMeter, signed_direction
+from roadstate.estimators.signals import Held, SpeedMeter, signed_direction, span
 from roadstate.filters import KF, FilterState, GateRule
 from roadstate.linalg import root
 from roadstate.statespace import StateSpaceModel
@@ -202,7 +202,7 @@ class VelocityObserver(eqx.Module):
                 away - _LEAD_FREE - 2 * state.filter.gaussian.std[0], 0.0
             )
             told += list(speeds)
-            since = jnp.clip(state.age + dt, _LEAST_STEP, STALE)
+            since = span(state.age, dt, STALE)
             stds += list(safe_hypot(spread, slip * jnp.sqrt(_SLIP_TIME / since)))
         told = [jnp.where(jnp.isfinite(value), value, jnp.nan) for value in told]
         along = [v for v, sensor in zip(told, self._model.sensors, strict=False) if sensor != "velocity_y"]

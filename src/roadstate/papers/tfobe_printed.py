@@ -110,7 +110,7 @@ class PrintedSlope(Estimator[_SlopeState]):
         dynamic = options["method"] == "debe"
         meter = SpeedMeter(vehicle, [c for c in available if c != "gear_ratio"])
         traction = TractionMeter(vehicle, available) if dynamic else None
-        drag = 0.5 * vehicle.aerodynamics.air_density * vehicle.drag_area / vehicle.mass
+        drag = vehicle.drag_factor / vehicle.mass
         model = SlopeModel(
             states=("speed", "grade" if dynamic else "specific_grade"),
             sensors=("speed",),

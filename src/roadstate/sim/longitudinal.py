@@ -98,7 +98,7 @@ class LongitudinalPlant(eqx.Module):
             "open_mass": vehicle.effective_mass(),
             "engine_inertia": vehicle.driveline.engine_inertia,
             "radius": vehicle.wheels.radius,
-            "drag": 0.5 * vehicle.aerodynamics.air_density * vehicle.drag_area,
+            "drag": vehicle.drag_factor,
             "rolling": vehicle.rolling_resistance.coefficient,
             "rolling_growth": vehicle.rolling_resistance.speed_coefficient,
         }

@@ -224,6 +224,11 @@ class VehicleModel(eqx.Module):
         n = len(self.states)
         return Stiff(self.derivative(x, u), jnp.zeros(n, x.dtype), jnp.zeros((n, n), x.dtype))
 
+    @property
+    def wheelbase(self) -> Numbers:
+        """Distance of the axles, m."""
+        return self.cg_to_front_axle + self.cg_to_rear_axle
+
     def drag(self, speed: ArrayLike) -> Numbers:
         """Air drag against the speed (m/s), N, with its sign."""
         v_x = jnp.asarray(speed)

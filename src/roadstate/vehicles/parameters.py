@@ -270,6 +270,11 @@ class Vehicle(Section):
         """c_d A in m²."""
         return self.aerodynamics.drag_coefficient * self.aerodynamics.frontal_area
 
+    @property
+    def drag_factor(self) -> float:
+        """½ ρ c_d A in kg/m: air drag over the speed's square."""
+        return 0.5 * self.aerodynamics.air_density * self.drag_area
+
     def effective_mass(self, total_ratio: float = 0.0) -> float:
         """Mass that a longitudinal force has to accelerate, rotating parts included, in kg.
 
