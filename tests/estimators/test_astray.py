@@ -58,10 +58,11 @@ def on_ice(vehicle: Vehicle, speed: Array, slips: Array, grade: float) -> Log:
 
 
 def honest(said: Estimates, speed: Array, grade: float, error: float) -> None:
-    """From .1 s on the speed within ``error`` (m/s) and mostly three of its σ, as the slope."""
-    off, slope = (said.values["speed"] - speed)[10:], said.values["grade"] - grade
-    assert np.abs(off).max() < error
-    assert np.mean(np.abs(off) < 3 * said.std["speed"][10:]) > 0.95
+    """From a second on the speed within ``error`` (m/s); from the first sample on within three of its σ, as
+    the slope."""
+    off, slope = said.values["speed"] - speed, said.values["grade"] - grade
+    assert np.abs(off[TIME > 1]).max() < error
+    assert np.mean(np.abs(off) < 3 * said.std["speed"]) > 0.99
     assert np.abs(slope).max() < 0.05 + 3 * said.std["grade"].max()
     assert np.mean(np.abs(slope) < 3 * said.std["grade"]) > 0.97
 
@@ -76,16 +77,29 @@ def test_driven_wheels_that_spin_from_the_first_sample_on(vehicle: Vehicle, esti
     honest(said, speed, 0.02, 0.4)
 
 
+@pytest.mark.parametrize("phase", [0.0, 2.0, 4.0])
 def test_wheels_under_anti_lock_brakes_from_the_first_sample_on(
-    vehicle: Vehicle, estimator: Estimator
+    vehicle: Vehicle, estimator: Estimator, phase: float
 ) -> None:
     """None rolls at the first sample but the fastest; after that now one comes up to the car's speed, now
-    another."""
+    another: to 3 % of it, at 17 m/s half a metre per second."""
     speed = 17.5 - 0.5 * TIME
-    phases = np.array([0.0, 2.0, 4.0, 5.0])[:, None]
+    phases = phase + np.array([0.0, 2.0, 4.0, 5.0])[:, None]
     slips = -0.3 - 0.27 * np.cos(2 * np.pi * 1.3 * TIME + phases)
     said = scan(estimator, on_ice(vehicle, speed, slips, -0.05))
-    honest(said, speed, -0.05, 1.5)
+    honest(said, speed, -0.05, 1.0)
+
+
+@pytest.mark.parametrize("reads", [0.0, 0.8, 1.2])
+def test_one_wheel_that_lies_from_the_first_sample_on(
+    vehicle: Vehicle, estimator: Estimator, reads: float
+) -> None:
+    """Brakes act on all of them; the other three agree, and do not race: they are taken."""
+    speed = 18 - 0.5 * TIME
+    log = on_ice(vehicle, speed, np.zeros((4, len(TIME))), 0.01)
+    log = log.with_channels({"wheel_speed_fl": reads * log["wheel_speed_fl"]})
+    said = scan(estimator, log)
+    honest(said, speed, 0.01, 0.3)
 
 
 def test_a_filter_astray_is_brought_back_by_wheels_that_roll(

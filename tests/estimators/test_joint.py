@@ -12,6 +12,7 @@ from roadstate.core.quantities import reference
 from roadstate.estimators import build
 from roadstate.estimators.contact_forces import ForceMeter
 from roadstate.estimators.intake import SMOOTHING, SPIN, Signals
+from roadstate.estimators.signals import NEVER
 from roadstate.estimators.tire_contact import ContactState, TireContact
 from roadstate.papers.base import MISMATCHED
 from roadstate.papers.plants import told
@@ -202,8 +203,9 @@ class TestRims:
         )
         zero = jnp.zeros(())
         state, _, std = contact.rims(
-            contact.init() if state is None else state, seen, forces, zero, jnp.asarray(10.0),
-            jnp.asarray(0.05), zero, zero, jnp.full(4, 0.01), jnp.asarray(0.01),
+            contact.init()._replace(proof=zero + NEVER) if state is None else state,
+            seen, forces, zero, jnp.asarray(10.0), jnp.asarray(0.05), zero, zero,
+            jnp.full(4, 0.01), jnp.asarray(0.01),
         )  # fmt: skip
         return state, np.asarray(std)
 

@@ -10,10 +10,13 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from roadstate.core.constants import GRAVITY
+from roadstate.estimators import agreement
+from roadstate.estimators.agreement import BEARS, DEAD_BAND, TOGETHER
 from roadstate.estimators.axle_forces import AxleForces, by_axle, steered_cosines
 from roadstate.estimators.base import leaf
 from roadstate.estimators.intake import ACCEL_Y, SMOOTHING, SPIN, STALE, STEER, YAW_RATE, Signals
 from roadstate.estimators.sideways import SLIP_ERROR, Touch
+from roadstate.estimators.signals import NEVER
 from roadstate.estimators.traction import LEAST_BRAKING
 from roadstate.linalg import root
 
@@ -30,8 +33,8 @@ _RUNAWAY = (0.4, 3.0)  # m/s by which a wheel may leave the rest, and 1σ over w
 _RACING = (5.0, 1.8, 0.5)  # m/s² by which a wheel, and all, may outrun the car, and s of mistrust then
 _RACE_TIME = 1.5  # s: how long that lasts, under anti-lock brakes that hold no wheel at the car's speed
 _CALM = 0.5  # m/s² below which a wheel has not outrun the car lately
-_TOGETHER = (0.03, 0.3, 1.5)  # share of the speed and m/s within which wheels agree, and s to believe them
-_DEAD_BAND = (0.7, 0.25, 0.1)  # m/s: a slower wheel may read down to zero, with this 1σ, for so long (s)
+_BELIEVES = 1.5  # s for which all wheels agree until they are believed against what is known of the speed
+_SLOW = (0.25, 0.1)  # m/s: 1σ of a wheel in its dead band, and s for which that lasts
 _WHEEL_DELAY = 0.01  # s: age of a wheel's speed when it comes
 _SENSED = 0.005  # s by which a signal is older than when it comes
 _USUAL = 0.0997  # variance that the low pass leaves of samples at 100 Hz, which other figures include
@@ -41,9 +44,7 @@ _LATE_ERROR = 0.5  # 1σ of that lateness, as a share of it
 _YIELDS = 0.025  # s: lag of the force behind the angle that suspension and steering add to the tire's
 _LAG_ERROR = 0.015  # s: 1σ of that lag
 _VAGUE = 1.0  # m/s: 1σ of a speed that tells nothing of which wheel slips
-_UNKNOWN = 0.01  # of what wheels are apart then: 1σ of what the one slips that slips least
 _BOUND = 0.07  # of what a wheel bounds the speed by: 1σ of what it slips itself
-_BEARS = 0.03  # force over load from which on its sign is known
 # 1σ of forces along and across, low-passed, over g and load, as a share of the lesser of what a rough road
 # shakes the accelerometers by both ways: tires bear more and less as they bounce
 _SHAKEN = (1.05, 3.3)
@@ -59,6 +60,7 @@ class ContactState(NamedTuple):
         together: s for which all wheels have agreed on a speed and its change, or on standing still.
         rolling: m/s that wheels tell which nothing drives or brakes, or else the one that slips least.
         rolls: whether it is the former, and they agree.
+        proof: s for which most wheels have agreed on a speed, which is enough once it has been.
     """
 
     angle: Float[Array, " 2"]
@@ -69,6 +71,7 @@ class ContactState(NamedTuple):
     together: Float[Array, ""]
     rolling: Float[Array, ""]
     rolls: Bool[Array, ""]
+    proof: Float[Array, ""]
 
 
 class TireContact(eqx.Module):
@@ -106,7 +109,7 @@ class TireContact(eqx.Module):
         """Straight ahead and rolling."""
         two, four = jnp.zeros(2), jnp.zeros(4)
         zero = jnp.zeros(())
-        return ContactState(two, two, four, four, four, zero, zero, jnp.zeros((), bool))
+        return ContactState(two, two, four, four, four, zero, zero, jnp.zeros((), bool), zero)
 
     def slips(self, along: Array, load: Array) -> Float[Array, " 4"]:
         """(4,) what forces F_x (4,) under loads (4,), N, make wheels slip as long as that is linear."""
@@ -132,7 +135,9 @@ class TireContact(eqx.Module):
         on; so is one that is far from the car's speed, unless all wheels have long agreed on another. Wheels
         that nothing drives or brakes have no reason to slip: where they agree, the others are held against
         them, and they against nothing. And a tire slips as its force points: one that slows the car down
-        turns no faster than the car moves, however its wheel may lock, one that pushes it no slower.
+        turns no faster than the car moves, however its wheel may lock, one that pushes it no slower. As long
+        as wheels have agreed on no speed at all, that is all there is to go by: they are held against the
+        one that has slipped least so far.
 
         Args:
             state: from :meth:`init` or the last call.
@@ -159,64 +164,74 @@ class TireContact(eqx.Module):
         apart = jnp.abs(gains - accel)
         outruns = jnp.maximum(apart - _RACING[0] - 2 * unsure, 0.0)
         told = seen.age[SPIN] < STALE
+        several = jnp.sum(told) > 1
         mean = jnp.sum(jnp.where(told, gains - accel, 0.0)) / jnp.maximum(jnp.sum(told), 1)
         outruns = jnp.maximum(outruns, jnp.minimum(jnp.abs(mean), apart) - _RACING[1] - 2 * unsure)
         racing = jnp.maximum(outruns, state.racing * jnp.exp(-dt / _RACING[2]))
         slowest = jnp.min(jnp.where(told, rim, jnp.inf))
         fastest = jnp.max(jnp.where(told, rim, -jnp.inf))
         bears = forces.along / jnp.maximum(forces.load, 0.1 * jnp.mean(forces.load))
-        least = self._slips_least(rim, told, jnp.mean(bears))
+        is_proven = agreement.is_proven(state.proof)
+        known = (spread < ANY) & several & (jnp.max(jnp.where(told, since, 0.0)) < STALE)
+        before = jnp.where(known & ~is_proven, state.rolling + accel * dt, jnp.nan)
+        turns = told & ((jnp.abs(rim) > DEAD_BAND) | ~np.array(self.driven))
+        turns = jnp.where(jnp.any(turns), turns, told)
+        least = agreement.slips_least(rim, turns, jnp.mean(bears), before, unsure, dt)
+        members, most = agreement.most(rim, told, outruns == 0.0)
+        least = agreement.agreed(least, members, most, told, state.proof)
+        begins = several & ~is_proven
         # what is known of the speed tells nothing: wheels are held against the one that slips least
-        begins = (spread > _VAGUE) & (jnp.sum(told) > 1) & (fastest - slowest > _RUNAWAY[0])
-        away = jnp.abs(rim - jnp.where(begins, least, speed + accel * dt))
-        away = jnp.maximum(away - _RUNAWAY[0] - jnp.where(begins, 0.0, 2 * spread), 0.0)
-        away = away + jnp.where(begins, _UNKNOWN * (fastest - slowest), 0.0)
-        agree = fastest - slowest < _TOGETHER[0] * jnp.abs(speed) + _TOGETHER[1]
-        agree = agree & (jnp.max(jnp.where(told, outruns, 0.0)) == 0.0) & (jnp.sum(told) > 1)
-        agree = agree & (jnp.minimum(jnp.abs(slowest), jnp.abs(fastest)) > _DEAD_BAND[0])
+        vague = several & (begins | (spread > _VAGUE))
+        away = jnp.abs(rim - jnp.where(vague, least, speed + accel * dt))
+        away = away - jnp.where(begins, 0.0, _RUNAWAY[0] + jnp.where(vague, 0.0, 2 * spread))
+        away = jnp.maximum(away, 0.0)
+        agree = fastest - slowest < TOGETHER[0] * jnp.abs(speed) + TOGETHER[1]
+        agree = agree & (jnp.max(jnp.where(told, outruns, 0.0)) == 0.0) & several
+        agree = agree & (jnp.minimum(jnp.abs(slowest), jnp.abs(fastest)) > DEAD_BAND)
         # wheels that are locked slow the car down: one that gains speed while none turns stands still
-        rests = jnp.maximum(jnp.abs(slowest), jnp.abs(fastest)) < _DEAD_BAND[0]
-        agree = agree | (rests & (jnp.sum(told) > 1) & (speed * accel > 0))
+        rests = jnp.maximum(jnp.abs(slowest), jnp.abs(fastest)) < DEAD_BAND
+        agree = agree | (rests & several & (speed * accel > 0))
         together = jnp.where(agree, state.together + dt, 0.0)
-        away = jnp.where(together > _TOGETHER[2], 0.0, away)
+        away = jnp.where(together > _BELIEVES, 0.0, away)
         free, rolling_speed, sound = self._free(rim, told & (racing < _CALM), forces)
         apart = jnp.maximum(jnp.abs(rim - rolling_speed) - _RUNAWAY[0], 0.0)
         away = jnp.where(sound, jnp.where(free, 0.0, jnp.maximum(away, apart)), away)
         beyond = (speed - rim) * jnp.sign(bears)
-        bounds = (beyond > _RUNAWAY[0]) & (jnp.abs(bears) > _BEARS) & (spread < ANY)
-        bounds = bounds & (jnp.abs(rim) > _DEAD_BAND[0])
-        away, doubtful = jnp.where(bounds, _BOUND * beyond, away), jnp.where(bounds, 0.0, racing)
-        lasting = (_SLIP_SHARE * slip * speed) ** 2 + (_RUNAWAY[1] * away) ** 2
+        bounds = (beyond > _RUNAWAY[0]) & (jnp.abs(bears) > BEARS) & (spread < ANY)
+        bounds = bounds & (jnp.abs(rim) > DEAD_BAND)
+        away, doubtful = jnp.where(bounds, _BOUND * beyond, away), jnp.where(bounds | begins, 0.0, racing)
+        clear = jnp.any(members) | (jnp.max(jnp.where(told, racing, 0.0)) > _CALM)
+        unproven = agreement.least_slip(rim, fastest - slowest, clear)
+        unproven = jnp.where(begins & ~rests, unproven, 0.0)
+        lasting = unproven**2 + (_SLIP_SHARE * slip * speed) ** 2 + (_RUNAWAY[1] * away) ** 2
         lasting = lasting + (_LATE_ERROR * late * accel) ** 2
         lasting = _SLIP_TIME * lasting + _RACE_TIME * (_RACING[2] * doubtful) ** 2
-        slow = jnp.where(jnp.abs(rolling) < _DEAD_BAND[0], _DEAD_BAND[1], 0.0)
+        proof = agreement.proves(jnp.where(is_proven & (spread > ANY), 0.0, state.proof), members, told, dt)
+        slow = jnp.where(jnp.abs(rolling) < DEAD_BAND, _SLOW[0], 0.0)
         noise = self.noise
-        std = jnp.sqrt(noise**2 + lasting / since + slow**2 * jnp.maximum(_DEAD_BAND[2] / since, 1.0))
+        std = jnp.sqrt(noise**2 + lasting / since + slow**2 * jnp.maximum(_SLOW[1] / since, 1.0))
         return (
             state._replace(
-                racing=racing, together=together, rolling=jnp.where(sound, rolling_speed, least), rolls=sound
+                racing=racing,
+                together=together,
+                rolling=jnp.where(sound, rolling_speed, least),
+                rolls=sound,
+                proof=jnp.where(sound, NEVER, proof),
             ),
             jnp.where(seen.is_fresh[SPIN], rim, jnp.nan),
             std,
         )
-
-    def _slips_least(self, rim: Array, told: Array, bears: Array) -> Float[Array, ""]:
-        """Speed that wheels tell which bear a force over load in the mean: the slowest of those that push the
-        car, the fastest of those that slow it down."""
-        mean = jnp.sum(jnp.where(told, rim, 0.0)) / jnp.maximum(jnp.sum(told), 1)
-        fastest, slowest = jnp.max(jnp.where(told, rim, mean)), jnp.min(jnp.where(told, rim, mean))
-        return jnp.where(bears > _BEARS, slowest, jnp.where(bears < -_BEARS, fastest, mean))
 
     def _free(
         self, rim: Array, told: Array, forces: AxleForces
     ) -> tuple[Bool[Array, " 4"], Float[Array, ""], Bool[Array, ""]]:
         """Which wheels nothing drives or brakes, the speed they tell, and whether they agree on it."""
         brakes = (forces.age >= STALE) | forces.is_brake_unknown | (jnp.abs(forces.brake) > LEAST_BRAKING)
-        free = told & ~np.array(self.driven) & ~brakes & (jnp.abs(rim) > _DEAD_BAND[0])
+        free = told & ~np.array(self.driven) & ~brakes & (jnp.abs(rim) > DEAD_BAND)
         count = jnp.sum(free)
         speed = jnp.sum(jnp.where(free, rim, 0.0)) / jnp.maximum(count, 1)
         apart = jnp.max(jnp.where(free, jnp.abs(rim - speed), 0.0))
-        agree = apart < 0.5 * (_TOGETHER[0] * jnp.abs(speed) + _TOGETHER[1])
+        agree = apart < 0.5 * (TOGETHER[0] * jnp.abs(speed) + TOGETHER[1])
         return free, speed, (count > 1) & agree
 
     def touch(
