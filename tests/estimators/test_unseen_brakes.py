@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 from roadstate.core import Log
 from roadstate.estimators import build
+from roadstate.estimators.shortfall import Shortfall
 from roadstate.estimators.signals import Held
 from roadstate.estimators.traction import BrakeWatch
 from roadstate.run import scan
@@ -77,3 +79,64 @@ def test_brakes_that_nothing_tells_of_are_no_bias_and_no_slope(
     error, std = found.values["grade"] - 0.02, found.std["grade"]
     assert np.mean((np.abs(error) < 2 * std)[log.time > 1]) > 0.98
     assert np.abs(error)[log.time > 21].max() < {"joint": 0.004, "tfobe": 0.02, "debe": 0.06}[name]
+
+
+def pressed(*parts: tuple[float, float, float]) -> Shortfall:
+    """After parts of a drive: s, specific force that is missing and 1σ of what is foreseen (m/s²)."""
+    short = Shortfall.none()
+    for seconds, missing, std in parts:
+        for _ in range(round(seconds / DT)):
+            short = short.take(*map(jnp.asarray, (-missing, std, 1.0, DT)))
+    return short
+
+
+@pytest.mark.parametrize(
+    ("parts", "is_brake"),
+    [
+        ([(0.1, 0.3, 0.01)], True),  # well before a slower watch has seen it
+        ([(2.0, 0.1, 0.01)], False),
+        ([(2.0, 0.3, 0.12)], False),  # the mass, say, is not known yet
+        ([(2.0, -1.0, 0.01)], False),  # more than is foreseen is no brake's
+        ([(2.0, 0.3, 0.01), (0.2, 0.0, 0.01)], False),
+        ([(2.0, 0.3, 0.01), (2.0, np.nan, 0.01)], True),  # nothing comes
+    ],
+)
+def test_what_the_filter_misses_is_a_brake(parts: list[tuple[float, float, float]], is_brake: bool) -> None:
+    assert bool(pressed(*parts).is_brake) == is_brake
+
+
+def test_white_noise_that_is_muted_has_no_mean() -> None:
+    """As many samples too high as too low are believed: the verdict is on the next one."""
+    noise = 0.3 * np.random.default_rng(0).standard_normal(20_000)
+    short, believed = Shortfall.none(), []
+    take = jax.jit(lambda short, now: short.take(now, jnp.asarray(0.01), jnp.ones(()), jnp.asarray(DT)))
+    for now in noise:
+        if not short.is_brake:
+            believed.append(now)
+        short = take(short, now)
+    assert 1000 < len(believed) < len(noise) - 100
+    assert abs(np.mean(believed)) < 3 * 0.3 / len(believed) ** 0.5
+
+
+@pytest.mark.parametrize(("gain", "against"), [(-0.65, 0.0), (-0.1, 0.25)])
+def test_brakes_that_rub_are_no_bias(
+    vehicle: Vehicle, drive: Callable[..., Log], gain: float, against: float
+) -> None:
+    """A quarter of a m/s² for 20 s, with the drive idle or against it, in a log whose start tells bias and
+    slope apart."""
+    gains = np.concatenate([np.tile(np.repeat([0.8, 0.1], 300), 3), np.full(2000, gain), np.full(600, 0.5)])
+    speed = 15 + np.cumsum(gains) * DT
+    log = drive(speed, np.full(len(speed), 0.02), accel_bias=0.05)
+    rng = np.random.default_rng(2)
+    seen = {c: v for c, v in log.channels.items() if "brake" not in c}
+    seen |= {c: 0.001 * rng.standard_normal(len(speed)) for c in ("accel_y", "yaw_rate", "steer")}
+    seen["accel_x"] = seen["accel_x"] + 0.02 * rng.standard_normal(len(speed))
+    rubs = (log.time > 18) & (log.time <= 38)
+    for wheel in ("fl", "fr"):
+        torque = against * vehicle.mass * vehicle.wheels.radius / 2
+        seen[f"drive_torque_{wheel}"] = seen[f"drive_torque_{wheel}"] + torque * rubs
+    log = Log(log.time, seen)
+    found = scan(build("joint", vehicle, log.available), log)
+    error, std = found.values["grade"] - 0.02, found.std["grade"]
+    assert np.mean((np.abs(error) < 2 * std)[log.time > 1]) > 0.95
+    assert np.abs(error)[log.time > 18].max() < 0.006

@@ -29,8 +29,10 @@ from roadstate.estimators.intake import (
 )
 from roadstate.estimators.noise_learning import NoiseLearner, Unrest
 from roadstate.estimators.pitch import Pitching, lean_std
-from roadstate.estimators.signals import NEVER, span
+from roadstate.estimators.shortfall import Shortfall
+from roadstate.estimators.signals import NEVER, span, way
 from roadstate.estimators.tire_contact import ANY, ContactState, TireContact
+from roadstate.estimators.traction import UNKNOWN
 from roadstate.linalg import root
 
 if TYPE_CHECKING:
@@ -56,6 +58,7 @@ class AlongIntake(eqx.Module):
         sensors: the model's.
         learned: places of those whose noise is learned.
         over_ground: whether the speed signal is a receiver's: level, not along the slope.
+        watches_brakes: whether torques tell of the drive, and nothing of brakes.
         contact: what each wheel tells of the speed.
         learner: of the noise.
         sensor_std: (m,) 1σ of a sample, as the vehicle file says.
@@ -67,6 +70,7 @@ class AlongIntake(eqx.Module):
     sensors: tuple[str, ...] = eqx.field(static=True)
     learned: tuple[int, ...] = eqx.field(static=True)
     over_ground: bool = eqx.field(static=True)
+    watches_brakes: bool = eqx.field(static=True)
     contact: TireContact
     learner: NoiseLearner
     sensor_std: Float[Array, " m"]
@@ -74,9 +78,12 @@ class AlongIntake(eqx.Module):
     pitching: Float[Array, ""]
     drag: Float[Array, ""]
 
-    def __init__(self, vehicle: Vehicle, sensors: tuple[str, ...], available: Collection[str]) -> None:
+    def __init__(
+        self, vehicle: Vehicle, sensors: tuple[str, ...], available: Collection[str], *, knows_brakes: bool
+    ) -> None:
         own = vehicle.sensors
         self.over_ground = any(c in available for c in _RECEIVED)
+        self.watches_brakes = "traction" in sensors and not knows_brakes
         noise = {
             "speed": own.speed.noise,
             "altitude": own.altitude.noise,
@@ -97,13 +104,23 @@ class AlongIntake(eqx.Module):
         """No innovation has come yet."""
         return self.learner.init(len(self.learned))
 
-    def learn(self, unrest: Unrest, info: Info, u: AlongInput, forces: AxleForces, dt: Array) -> Unrest:
+    def learn(self, state: JointState, info: Info, u: AlongInput, forces: AxleForces, dt: Array) -> Unrest:
         """How noisy the sensors are, as innovations say on the move and while forces are known."""
+        unrest = state.unrest
         rows = jnp.asarray(self.learned, int)
         calm = jnp.asarray([self.sensors[i] != "traction" for i in self.learned], bool)
         stated = u.sensor_std[rows] / jnp.where(calm, self.learner.scale(unrest), 1.0)
-        usual = (calm | (forces.intensity < CALM)) & (jnp.abs(u.speed) > _MOVING)
+        known = (forces.intensity < CALM) & ~state.shortfall.is_brake
+        usual = (calm | known) & (jnp.abs(u.speed) > _MOVING)
         return self.learner.learn(unrest, info.innovation[rows], stated, usual, dt)
+
+    def falls_short(self, before: Shortfall, info: Info, u: AlongInput, dt: Array) -> Shortfall:
+        """What traction's innovation says of brakes that no channel tells of; nothing if one does."""
+        if not self.watches_brakes:
+            return before
+        row = self.sensors.index("traction")
+        std = root(jnp.maximum(info.S[row, row] - u.sensor_std[row] ** 2, 0.0))
+        return before.take(info.innovation[row], std, way(u.speed), dt)
 
     def white(self, unrest: Unrest, forces: AxleForces) -> Float[Array, " 3"]:
         """White error of the accelerometer, of what torques tell of the wheels, and of wind, m/s²/√Hz.
@@ -211,6 +228,7 @@ class AlongIntake(eqx.Module):
             more = forces.lean.freed(seen.smooth[ACCEL_X], self.pitching) - forces.explained
             parts.append(jnp.where(told, more, jnp.nan)[None])
             both = jnp.hypot(forces.intensity, self.accel_noise)
+            both = jnp.where(state.shortfall.is_brake, UNKNOWN["brake"], both)
             stds.append((both / root(since[ACCEL_X]))[None])
             u = u._replace(intensity=jnp.where(felt, self.white(state.unrest, forces)[0], u.intensity))
         u = u._replace(intensity=jnp.hypot(u.intensity, between))

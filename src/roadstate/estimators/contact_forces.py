@@ -27,7 +27,15 @@ from roadstate.estimators.intake import (
 )
 from roadstate.estimators.load_transfer import Lean
 from roadstate.estimators.signals import NEVER, STANDSTILL_SPEED, Held, way
-from roadstate.estimators.traction import LEAST_BRAKING, BrakeWatch, Traction, TractionMeter, TractionState
+from roadstate.estimators.traction import (
+    LEAST_BRAKING,
+    UNKNOWN,
+    BrakeWatch,
+    Traction,
+    TractionMeter,
+    TractionState,
+    UnseenBrakes,
+)
 from roadstate.vehicles import SevenDofForces
 
 if TYPE_CHECKING:
@@ -35,7 +43,6 @@ if TYPE_CHECKING:
 
 _TORQUE_TIME = 0.1  # s: correlation time of the torque signals' noise
 _TORQUE_DELAY = 0.03  # s by which a torque signal may be late
-_UNKNOWN = {"shift": 1.5, "brake": 6.0, "drive": 3.0}  # m/s²/√Hz: intensity of a force that is not known
 _CRAWL = 1.0  # m/s under which a brake's torque may be anything up to what it could be
 _UNEVEN = 0.02  # m/s²/√Hz: what the road's unevenness does to the force that torques tell
 _GUST = 3.0  # m/s/√Hz: a wind that varies by 1 m/s over 5 s
@@ -99,8 +106,7 @@ class _Scene(NamedTuple):
     forward: Float[Array, ""]
     known: Bool[Array, ""]
     felt: Bool[Array, ""]
-    unknown: Bool[Array, ""]
-    may_brake: Bool[Array, ""]
+    unseen: UnseenBrakes
     is_held: Bool[Array, ""]
     held: Float[Array, " 4"]
 
@@ -131,11 +137,13 @@ class ForceMeter(eqx.Module):
         channels: canonical channels read.
         torque_of: what drive torque is measured that tells the force at the wheels.
         car: planar dynamics under given forces.
+        knows_brakes: whether any channel tells of brakes.
         driven: (4,) share of the drive that each wheel gets.
     """
 
     channels: tuple[str, ...] = eqx.field(static=True)
     torque_of: Literal["wheels", "engine"] | None = eqx.field(static=True)
+    knows_brakes: bool = eqx.field(static=True)
     _tells_all: bool = eqx.field(static=True)
     car: SevenDofForces
     _traction: TractionMeter | None
@@ -150,11 +158,11 @@ class ForceMeter(eqx.Module):
             self._traction = TractionMeter(vehicle, available)
         except InputError:  # no torque that tells the force at the wheels
             self._traction = None
-        self.torque_of = None
+        self.torque_of, self.knows_brakes, self.channels = None, False, ()
         if self._traction is not None:
             self.torque_of = "wheels" if self._traction.source == "wheels" else "engine"
+            self.knows_brakes, self.channels = self._traction.knows_brakes, self._traction.channels
         self._tells_all = self.torque_of is not None and all(f"brake_torque_{w}" in available for w in WHEELS)
-        self.channels = () if self._traction is None else self._traction.channels
         self.car = SevenDofForces.from_vehicle(vehicle)
         driven = np.array(vehicle.driveline.drives)
         self.driven = jnp.asarray(driven / driven.sum())
@@ -238,13 +246,10 @@ class ForceMeter(eqx.Module):
         angle, forward = jnp.clip(signals.smooth[STEER], -0.9, 0.9), way(speed)
         bend = held_back(accel[1], angle, car.cg_to_rear_axle / car.wheelbase)
         brakes = state.brakes.take(held, push - drag - bend, gentle, forward, dt)
-        knows_brakes = self._traction is not None and self._traction.knows_brakes
-        watches = (held.age < STALE) & (not knows_brakes)
-        unknown = drive.is_brake_unknown | (brakes.seems & watches)
-        may_brake = unknown | (brakes.possible & (not knows_brakes))
+        unseen = brakes.unseen(drive, self.knows_brakes, held.age < STALE)
         coefficient = car.rolling_resistance + car.rolling_resistance_speed * speed**2
         brakes_hold = jnp.sum(drive.brake_torque) > LEAST_BRAKING * mass * radius
-        brakes_hold = brakes_hold | unknown | (drive.age >= STALE)
+        brakes_hold = brakes_hold | unseen.act | (drive.age >= STALE)
         scene = _Scene(
             load=load,
             engine=drive.engine,
@@ -256,8 +261,7 @@ class ForceMeter(eqx.Module):
             forward=forward,
             known=drive.age < STALE,
             felt=signals.age[ACCEL_X] < STALE,
-            unknown=unknown,
-            may_brake=may_brake,
+            unseen=unseen,
             is_held=brakes_hold & (jnp.abs(speed) < STANDSTILL_SPEED),
             held=state.held,
         )
@@ -280,7 +284,7 @@ class ForceMeter(eqx.Module):
         split = jnp.where(blind, _SPLIT_ERROR * jnp.max(jnp.abs(along)), 0.02 * jnp.abs(rest) * jnp.ones(4))
         if self.torque_of == "engine":
             split = jnp.hypot(split, _DIFFERENTIAL * jnp.abs(torque[:4]) / radius)
-        unsure = jnp.where(scene.felt | (scene.known & ~unknown), 0.0, jnp.inf)
+        unsure = jnp.where(scene.felt | (scene.known & ~unseen.act), 0.0, jnp.inf)
         rotation = jnp.abs(signals.rate[YAW_RATE])
         moment = _INERTIA_ERROR * car.yaw_inertia * rotation / (axles * car.wheelbase)
         missing = jnp.where((signals.age[ACCEL_Y] < STALE) & (signals.age[YAW_RATE] < STALE), 0.0, jnp.inf)
@@ -304,11 +308,11 @@ class ForceMeter(eqx.Module):
             brake=jnp.sum(torque[4:]) / (radius * mass),
             rolling=GRAVITY * direction,
             lever=drive.lever / mass,
-            intensity=self._intensity(drive, may_brake, fresh - torque, speed, gust, accel, scene.sine),
+            intensity=self._intensity(drive, unseen, fresh - torque, speed, gust, accel, scene.sine),
             gust=gust,
             age=drive.age,
             is_shifting=drive.is_shifting,
-            is_brake_unknown=unknown,
+            is_brake_unknown=unseen.act,
         )
         told = jnp.stack([forces.explained, forces.intensity, apart])
         return ForceMeterState(traction, brakes, torque, drive.age, told, calm, stir, kept, lean), forces
@@ -333,7 +337,7 @@ class ForceMeter(eqx.Module):
         rest = mass * (accel[0] + at.drag) - pull
         most = _LARGEST * mass * GRAVITY * radius
         share = jnp.abs(torque[:4]) + jnp.abs(torque[4:]) + 0.02 * most * self.driven
-        blind = at.unknown | ((at.may_brake | ~at.known) & (at.forward * rest < 0))
+        blind = at.unseen.act | ((at.unseen.may_act | ~at.known) & (at.forward * rest < 0))
         share = jnp.where(at.known, share / jnp.sum(share), self.driven)
         braked = at.load / jnp.sum(at.load) if self._braked is None else self._braked
         share = jnp.where(blind, braked, share)
@@ -377,7 +381,7 @@ class ForceMeter(eqx.Module):
     def _intensity(
         self,
         drive: Traction,
-        may_brake: Array,
+        unseen: UnseenBrakes,
         jump: Array,
         speed: Array,
         gust: Array,
@@ -389,8 +393,8 @@ class ForceMeter(eqx.Module):
         white = drive.torque_std / mass * _TORQUE_TIME**0.5
         late = jnp.sum(jnp.abs(jump)) / (radius * mass) * (_TORQUE_DELAY / SMOOTHING * _TORQUE_TIME**0.5)
         turning = _TURNING * accel[1] * sine
-        lost = jnp.where(drive.is_shifting, _UNKNOWN["shift"], 0.0)
-        lost = jnp.where(drive.age < STALE, lost, _UNKNOWN["drive"])
-        held = jnp.where(jnp.abs(speed) < _CRAWL, _UNKNOWN["brake"], 0.0)
-        brake = jnp.where(may_brake, _UNKNOWN["brake"], held)
+        lost = jnp.where(drive.is_shifting, UNKNOWN["shift"], 0.0)
+        lost = jnp.where(drive.age < STALE, lost, UNKNOWN["drive"])
+        holds = unseen.may_act | (jnp.abs(speed) < _CRAWL)
+        brake = jnp.where(holds, UNKNOWN["brake"], jnp.where(unseen.may_rub, UNKNOWN["idle"], 0.0))
         return jnp.sqrt(_UNEVEN**2 + gust**2 + white**2 + late**2 + turning**2 + lost**2 + brake**2)

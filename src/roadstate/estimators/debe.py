@@ -26,7 +26,7 @@ from roadstate.estimators.signals import (
     signed_direction,
     way,
 )
-from roadstate.estimators.traction import BrakeWatch, Traction, TractionMeter, TractionState
+from roadstate.estimators.traction import UNKNOWN, BrakeWatch, Traction, TractionMeter, TractionState
 from roadstate.filters import UKF, FilterState, GateRule
 from roadstate.linalg import root
 from roadstate.statespace import StateSpaceModel
@@ -40,7 +40,6 @@ _MODEL_NOISE = 0.05  # m/s²/√Hz: gusts, slip, driveline oscillation
 _WANDER = 0.3  # m/s²/√s: how the drive's acceleration wanders while no torque is seen
 _TORQUE_TIME = 0.1  # s: correlation time of the torque signal's noise
 _BRAKE_TIME = 1.0  # s: of the error of a brake's force
-_UNKNOWN = {"shift": 1.5, "brake": 6.0, "drive": 3.0}  # m/s²/√Hz: intensity of a force that is not known
 _UNSEEN_BRAKE = 0.15  # m/s²: 1σ of a brake too light to be recognised, with the pedal released
 
 
@@ -250,10 +249,10 @@ class DEBE(Estimator[DEBEState]):
         stands = jnp.abs(speed) < STANDSTILL_SPEED
         intensity = jnp.hypot(_MODEL_NOISE, drive.torque_std / self.mass * _TORQUE_TIME**0.5)
         intensity = jnp.hypot(intensity, drive.brake_std / self.mass * _BRAKE_TIME**0.5)
-        intensity = jnp.hypot(intensity, jnp.where(drive.is_shifting, _UNKNOWN["shift"], 0.0))
+        intensity = jnp.hypot(intensity, jnp.where(drive.is_shifting, UNKNOWN["shift"], 0.0))
         may_brake = unknown | (watch.possible & (not self.traction.knows_brakes))
-        intensity = jnp.hypot(intensity, jnp.where(may_brake, _UNKNOWN["brake"], 0.0))
-        intensity = jnp.hypot(intensity, jnp.where(known & ~stands, 0.0, _UNKNOWN["drive"]))
+        intensity = jnp.hypot(intensity, jnp.where(may_brake, UNKNOWN["brake"], 0.0))
+        intensity = jnp.hypot(intensity, jnp.where(known & ~stands, 0.0, UNKNOWN["drive"]))
         share = self.mass / drive.inertia
         direction = signed_direction(
             traction_state.held["gear_ratio"].value if self.traction.source == "gear" else nothing

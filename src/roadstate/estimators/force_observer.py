@@ -24,7 +24,7 @@ from roadstate.estimators.tire_forces import (
     ForceInput,
     TireForceModel,
 )
-from roadstate.estimators.traction import BrakeWatch, Traction, TractionMeter, TractionState
+from roadstate.estimators.traction import UNKNOWN, BrakeWatch, Traction, TractionMeter, TractionState
 from roadstate.filters import FilterState, GateRule
 from roadstate.filters.marginal import MarginalUKF
 
@@ -35,7 +35,6 @@ FELT = ("accel_x", "accel_y", "yaw_rate")
 _STALE = 0.5  # s without a torque or an acceleration after which it counts as unknown
 _TORQUE_TIME = 0.1  # s: correlation time of the torque signals' noise
 _TORQUE_DELAY = 0.03  # s by which a torque signal may be late
-_UNKNOWN = {"shift": 1.5, "brake": 6.0, "drive": 3.0}  # m/s²/√Hz: intensity of a force that is not known
 _JERK = (3.0, 15.0)  # m/s²/√s: how the longitudinal specific force wanders; about to stand
 _CRAWL = 1.0  # m/s under which a brake's torque may be anything up to what it could be
 _SMOOTHING = 0.15  # s: low pass of the torques that gains multiply
@@ -167,16 +166,14 @@ class ForceObserver(eqx.Module):
         drag = car.drag(speed) / mass
         bend = held_back(held["accel_y"].value / self._lean[1], angle, car.cg_to_rear_axle / car.wheelbase)
         brakes = state.brakes.take(held["accel_x"], push - drag - bend, gentle, way(speed), dt)
-        watches = (held["accel_x"].age < _STALE) & (not self._traction.knows_brakes)
-        unknown = drive.is_brake_unknown | (brakes.seems & watches)
-        may_brake = unknown | (brakes.possible & (not self._traction.knows_brakes))
+        unseen = brakes.unseen(drive, self._traction.knows_brakes, held["accel_x"].age < _STALE)
         direction = signed_direction(held["gear_ratio"].value)
         turning = jnp.stack([sample[f"wheel_speed_{w}"] for w in WHEELS])
         seen = jnp.isfinite(turning)
         turning = jnp.where(seen, turning, 0.0)  # a NaN would spoil the derivative by any factor of it
         turning = jnp.where(turning < 0, turning, direction * turning)
         jump = torque - braking - smooth[:4] + smooth[4:]
-        noise = self._torque_noise(drive, jump, may_brake, speed)
+        noise = self._torque_noise(drive, jump, unseen.may_act, speed)
         step = span(jnp.stack([state.held[n].age for n in FELT[:2]]), dt, _STALE)
         load = self._load(state)
         rolling = load * radius * jnp.tanh(speed / STANDSTILL_SPEED)
@@ -208,7 +205,7 @@ class ForceObserver(eqx.Module):
             + jnp.sum((self._unseen * jnp.stack([drag, accel[1]])) ** 2)
         )
         by_torque = jnp.sqrt(jnp.sum(noise**2)) / (radius * mass)
-        by_accel = jnp.where(held["accel_x"].age < _STALE, self._accel_noise, 10 * _UNKNOWN["brake"])
+        by_accel = jnp.where(held["accel_x"].age < _STALE, self._accel_noise, 10 * UNKNOWN["brake"])
         forces = Forces(
             u=u,
             steer=angle,
@@ -220,7 +217,7 @@ class ForceObserver(eqx.Module):
             is_seen=seen[len(FELT) :],
             age=jnp.max(jnp.stack([drive.age, *(h.age for n, h in held.items() if n != "gear_ratio")])),
             is_shifting=drive.is_shifting,
-            is_brake_unknown=unknown,
+            is_brake_unknown=unseen.act,
         )
         smooth = jnp.concatenate([smooth, state.smooth[8:] + lag * (accel - state.smooth[8:])])
         return ForceState(filtered, traction, held, brakes, smooth), forces, info
@@ -246,16 +243,16 @@ class ForceObserver(eqx.Module):
         """
         car = self.model.vehicle
         rim = car.mass * car.wheel_radius[0]
-        is_open = jnp.where(drive.is_shifting, _UNKNOWN["shift"], 0.0)
-        lost = jnp.where(drive.age < _STALE, is_open, _UNKNOWN["drive"]) * rim
+        is_open = jnp.where(drive.is_shifting, UNKNOWN["shift"], 0.0)
+        lost = jnp.where(drive.age < _STALE, is_open, UNKNOWN["drive"]) * rim
         white = drive.torque_std * car.wheel_radius[0] * _TORQUE_TIME**0.5
         # what does not depend on the torques, gusts at first: twice the relative change of the wind
         gust = 2 * car.drag(speed) / car.mass / jnp.maximum(jnp.abs(speed), 1.0) * _GUST
         model = jnp.hypot(_UNEVEN, gust) * rim
         late = jump * (_TORQUE_DELAY / _SMOOTHING * _TORQUE_TIME**0.5)
         # a wheel that stands is held by any torque up to its brake's
-        held = jnp.where(jnp.abs(speed) < _CRAWL, _UNKNOWN["brake"], 0.0)
-        brake = jnp.where(may_brake, _UNKNOWN["brake"], held) * rim
+        held = jnp.where(jnp.abs(speed) < _CRAWL, UNKNOWN["brake"], 0.0)
+        brake = jnp.where(may_brake, UNKNOWN["brake"], held) * rim
         return jnp.sqrt(0.25 * (model**2 + brake**2) + late**2 + self._driven * (white**2 + lost**2))
 
     quantities: ClassVar[tuple[str, ...]] = tuple(

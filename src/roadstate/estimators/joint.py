@@ -40,6 +40,7 @@ from roadstate.estimators.noise_learning import Unrest
 from roadstate.estimators.pitch import PitchMeter, PitchState
 from roadstate.estimators.plausibility import TORQUE, Plausibility, PlausibilityState
 from roadstate.estimators.redundancy import GROUP, YAW
+from roadstate.estimators.shortfall import Shortfall
 from roadstate.estimators.sideways import BANK, V_Y
 from roadstate.estimators.signals import NEVER, STANDSTILL_SPEED
 from roadstate.estimators.tire_contact import ContactState
@@ -71,7 +72,7 @@ class JointState(NamedTuple):
     """State of :class:`Joint`.
 
     Attributes:
-        watch, signals, trust, forces, along, contact, bank, pitch, unrest: the parts'.
+        watch, signals, trust, forces, along, contact, bank, pitch, unrest, shortfall: the parts'.
         speed_age: s since anything told the speed.
         against: samples of the speed signal, in a row, that the wheels confirm and the filter contradicts;
             or how many of them wheels that roll freely are worth.
@@ -93,6 +94,7 @@ class JointState(NamedTuple):
     bank: BankState
     pitch: PitchState
     unrest: Unrest
+    shortfall: Shortfall
     speed_age: Float[Array, ""]
     against: Float[Array, ""]
     doubt: Float[Array, ""]
@@ -185,7 +187,7 @@ class Joint(Estimator[JointState]):
             filter=KF(gate=GateRule(patience=_PATIENCE)),
             bank=FrictionBank(vehicle),
             pitch=PitchMeter(vehicle),
-            inputs=AlongIntake(vehicle, model.sensors, available),
+            inputs=AlongIntake(vehicle, model.sensors, available, knows_brakes=forces.knows_brakes),
             knows_sides=signals.has[ACCEL_Y] and signals.has[YAW_RATE],
             speed_scale=leaf(0.0 if "speed" in available else vehicle.sensors.wheel_speed.scale),
             mass_std=leaf(vehicle.prior.mass_relative),
@@ -204,6 +206,7 @@ class Joint(Estimator[JointState]):
             bank=self.bank.init(),
             pitch=self.pitch.init(),
             unrest=self.inputs.start(),
+            shortfall=Shortfall.none(),
             speed_age=zero + NEVER,
             against=zero,
             doubt=zero,
@@ -252,7 +255,8 @@ class Joint(Estimator[JointState]):
             pull = info.innovation[speeds], root(jnp.diagonal(info.S)[speeds])
             is_late = self.watch.lateness(watch, ("accel_x",))[0] > _LAGS
             pitch = self.pitch.judge(pitch, *seems, pull, is_late, dt)
-        unrest = self.inputs.learn(state.unrest, info, u, forces, dt)
+        unrest = self.inputs.learn(state, info, u, forces, dt)
+        shortfall = self.inputs.falls_short(state.shortfall, info, u, dt)
         speed = along.gaussian.mean[SPEED]
         rolling = self.along.rolling(along.gaussian, jnp.maximum(jnp.abs(speed), 1.0))
         gain = u.accel - along.gaussian.mean[SLOPE] - along.gaussian.mean[BIAS]
@@ -297,6 +301,7 @@ class Joint(Estimator[JointState]):
             bank,
             pitch,
             unrest,
+            shortfall,
             speed_age,
             jnp.where(lost, 0.0, against),
             doubt,

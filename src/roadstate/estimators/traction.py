@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
     from roadstate.vehicles import Vehicle
 
+UNKNOWN = {"shift": 1.5, "brake": 6.0, "drive": 3.0, "idle": 0.2}
+"""m/s²/√Hz: intensity of a force that is not known; the last of a brake too gentle to be recognised."""
 _SLOWEST_RATIO = 2.0  # m/s: below it a ratio of two speeds says nothing
 _SHIFT_TIME = 0.7  # s after a change of gear during which torque and inertia are not what they seem
 _RATIO_JUMP = 0.08  # relative change of ratio between samples that counts as another gear
@@ -70,6 +72,20 @@ class Traction(NamedTuple):
     brake_torque: Float[Array, " 4"]
 
 
+class UnseenBrakes(NamedTuple):
+    """What brakes may do that no channel tells of.
+
+    Attributes:
+        act: they do.
+        may_act: they do, or there is no telling.
+        may_rub: nothing drives the car, and a foot may rest on the brake: too gently to be recognised.
+    """
+
+    act: Bool[Array, ""]
+    may_act: Bool[Array, ""]
+    may_rub: Bool[Array, ""]
+
+
 class BrakeWatch(NamedTuple):
     """Betrays brakes that no channel tells of: specific force is what tires and air do, whatever the slope.
 
@@ -78,19 +94,21 @@ class BrakeWatch(NamedTuple):
             direction of travel.
         now: the same at this instant.
         coasting: whether the drive hardly pulls.
+        idle: whether it does not pull at all.
         pulled: s for which it has pulled so that nobody brakes; once it was long enough, it stays so.
     """
 
     missing: Float[Array, ""]
     now: Float[Array, ""]
     coasting: Bool[Array, ""]
+    idle: Bool[Array, ""]
     pulled: Float[Array, ""]
 
     @classmethod
     def none(cls) -> BrakeWatch:
         """Before the first sample."""
         zero = jnp.zeros(())
-        return cls(zero, zero, zero > 0, zero)
+        return cls(zero, zero, zero > 0, zero > 0, zero)
 
     def take(
         self,
@@ -114,9 +132,8 @@ class BrakeWatch(NamedTuple):
         missing = self.missing - jnp.expm1(-dt / _BRAKE_LAG) * (now - self.missing)
         pulled = jnp.where(jnp.abs(push) > _PULLS[0], self.pulled + dt, 0.0)
         pulled = jnp.where(self.seems, 0.0, pulled)
-        return BrakeWatch(
-            missing, now, push < _COASTING, jnp.where(self.pulled > _PULLS[1], self.pulled, pulled)
-        )
+        pulled = jnp.where(self.pulled > _PULLS[1], self.pulled, pulled)
+        return BrakeWatch(missing, now, push < _COASTING, push < _PULLS[0], pulled)
 
     @property
     def seems(self) -> Bool[Array, ""]:
@@ -131,6 +148,17 @@ class BrakeWatch(NamedTuple):
         """
         begins = self.coasting & (self.now < -_SUDDEN)
         return begins | (self.pulled <= _PULLS[1])
+
+    def unseen(self, drive: Traction, knows_brakes: bool, felt: Bool[Array, ""]) -> UnseenBrakes:
+        """Verdict on brakes that no channel tells of.
+
+        Args:
+            drive: what torques and pedals tell.
+            knows_brakes: whether any brake channel is there.
+            felt: whether the accelerometer tells anything.
+        """
+        act = drive.is_brake_unknown | (self.seems & felt & (not knows_brakes))
+        return UnseenBrakes(act, act | (self.possible & (not knows_brakes)), self.idle & (not knows_brakes))
 
 
 class TractionState(NamedTuple):
