@@ -45,6 +45,7 @@ LACKING = {
     _BUS: SATELLITE,
     "receiver": (),
     "engine": (*SATELLITE, *_AT_WHEELS),
+    "no brakes": (*SATELLITE, *_BRAKES, "brake"),
     "no torques": (*SATELLITE, *_AT_WHEELS, *_ENGINE),
 }
 """Which channels each kind of log lacks; those but the first are read by ``joint`` only."""
@@ -55,9 +56,10 @@ _HOW = (
     "multibody plant with anti-lock and traction control, sensors `automotive`, files off by 5 to 10 %. What "
     "is drawn: `benchmarks/drawn/drives.py`. Channels: `bus`, all that a car has; `receiver`, a satellite "
     "receiver's besides; `engine`, an engine's torque, speed and gear and a brake switch instead of torques "
-    "at the wheels; `no torques`, none at all. Inside: samples whose 95 % interval (of a peak friction: 5 % "
-    "to 95 % bounds) holds the truth; then the share that nine in ten drives exceed. Of grade and bank the "
-    "mean over a second counts. Grade in per cent of slope; angles in rad, else SI units."
+    "at the wheels; `no brakes`, the drive's torque and nothing of brakes; `no torques`, none at all. "
+    "Inside: samples whose 95 % interval (of a peak friction: 5 % to 95 % bounds) holds the truth; then the "
+    "share that nine in ten drives exceed. Of grade and bank the mean over a second counts. Grade in per cent "
+    "of slope; angles in rad, else SI units."
 )
 _COLUMNS = ("RMSE", "stated 1 σ", "inside", "of 9 in 10 drives", "lower bound holds")
 
