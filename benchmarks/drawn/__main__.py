@@ -58,8 +58,8 @@ _HOW = (
     "receiver's besides; `engine`, an engine's torque, speed and gear and a brake switch instead of torques "
     "at the wheels; `no brakes`, the drive's torque and nothing of brakes; `no torques`, none at all. "
     "Inside: samples whose 95 % interval (of a peak friction: 5 % to 95 % bounds) holds the truth; then the "
-    "share that nine in ten drives exceed. Of grade and bank the mean over a second counts. Grade in per cent "
-    "of slope; angles in rad, else SI units."
+    "share that nine in ten drives exceed. Of grade and bank the mean over a second counts. Grade in per "
+    "cent of slope; angles in rad, else SI units."
 )
 _COLUMNS = ("RMSE", "stated 1 σ", "inside", "of 9 in 10 drives", "lower bound holds")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -314,3 +315,26 @@ def test_what_a_rough_road_shakes_is_no_lateral_force(
     last = np.array(told[100:])
     assert last.mean() == pytest.approx(2.0, rel=0.03)
     assert last.std() / (0.4 / 2**0.5) == pytest.approx(left, abs=0.1)
+
+
+@pytest.mark.parametrize("speed", [SPEED, -SPEED])
+def test_a_lateral_force_acts_a_trail_behind_its_axle_as_the_car_moves(
+    vehicle: Vehicle, speed: float
+) -> None:
+    """A steady bend, no force along: two levers, of which that of the axle ahead is the longer one."""
+    meter, accel = ForceMeter(vehicle, ()), 2.0
+    free = [jnp.zeros_like(x) for x in (meter.car.rolling_resistance, meter.car.rolling_resistance_speed)]
+    meter = eqx.tree_at(lambda m: (m.car.rolling_resistance, m.car.rolling_resistance_speed), meter, free)
+    zero = jnp.zeros(8)
+    value = zero.at[ACCEL_Y].set(accel).at[SPIN].set(speed / vehicle.wheels.radius)
+    signals = Signals(
+        value, zero, jnp.ones(8, bool), value, zero, zero, zero, value, zero, jnp.zeros(2), jnp.zeros(8, bool)
+    )
+    still = jnp.zeros(())
+    told = meter.read(meter.init(), {}, signals, jnp.asarray(speed), jnp.zeros(2), still, jnp.asarray(STEP))[
+        1
+    ]
+    geometry, trail = vehicle.geometry, 0.03 * np.sign(speed)
+    levers = np.array([geometry.cg_to_rear_axle + trail, geometry.cg_to_front_axle - trail])
+    share = levers / vehicle.wheelbase
+    np.testing.assert_allclose(np.asarray(told.across), share * vehicle.mass * accel, rtol=2e-3)

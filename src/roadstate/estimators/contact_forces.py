@@ -332,7 +332,7 @@ class ForceMeter(eqx.Module):
         # wheels that nothing drives need no torque to be told, unless it is a brake's
         told = jnp.where(at.known | ((self.driven == 0) & at.felt), told, 0.0)
         turn = steered_cosines(at.cosine)
-        across = self._across(told, accel[1], rate[YAW_RATE], at.cosine, at.sine)
+        across = self._across(told, accel[1], rate[YAW_RATE], at.cosine, at.sine, _TRAIL * at.forward)
         pull = jnp.sum(told * turn) - across[0] * at.sine
         rest = mass * (accel[0] + at.drag) - pull
         most = _LARGEST * mass * GRAVITY * radius
@@ -348,7 +348,7 @@ class ForceMeter(eqx.Module):
         # without what the wheels turn up beyond the car; the sum stays what the accelerometer tells
         spun = self._turns_up(spun, at.engine) / radius
         steady = along + jnp.where(at.known, spun - share * jnp.sum(spun), 0.0)
-        across = self._across(along, accel[1], rate[YAW_RATE], at.cosine, at.sine)
+        across = self._across(along, accel[1], rate[YAW_RATE], at.cosine, at.sine, _TRAIL * at.forward)
         return _Balance(told, along, across, rest, pull / mass - at.drag, steady, blind)
 
     def _turns_up(self, spin: Array, engine: Array) -> Float[Array, " 4"]:
@@ -366,16 +366,16 @@ class ForceMeter(eqx.Module):
         return None, Traction(zero, zero, zero, zero, zero, mass, zero, zero + NEVER, no, no, no, four, four)
 
     def _across(
-        self, along: Array, accel_y: Array, yaw_accel: Array, cosine: Array, sine: Array
+        self, along: Array, accel_y: Array, yaw_accel: Array, cosine: Array, sine: Array, trail: Array
     ) -> Float[Array, " 2"]:
         """(2,) lateral forces of the axles in their wheels' frames, N."""
         car = self.car
         turn = steered_cosines(cosine)
         moment = -jnp.sum(self._half_track * along * turn)  # the left side pushes to the right
         turning = car.yaw_inertia * yaw_accel - moment
-        # the tires' aligning moments: each lateral force acts a trail behind its axle
-        front = ((car.cg_to_rear_axle + _TRAIL) * car.mass * accel_y + turning) / car.wheelbase
-        rear = ((car.cg_to_front_axle - _TRAIL) * car.mass * accel_y - turning) / car.wheelbase
+        # aligning moments: a lateral force acts a trail behind its axle, as the car moves
+        front = ((car.cg_to_rear_axle + trail) * car.mass * accel_y + turning) / car.wheelbase
+        rear = ((car.cg_to_front_axle - trail) * car.mass * accel_y - turning) / car.wheelbase
         return jnp.stack([(front - (along[0] + along[1]) * sine) / cosine, rear])
 
     def _intensity(
