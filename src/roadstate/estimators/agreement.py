@@ -57,7 +57,7 @@ def slips_least(
 
     It is the slowest of those that push the car, the fastest of those that slow it down; if neither, what
     those in the middle tell. Traction control and anti-lock brakes bring each wheel close to the car's speed
-    several times a second, and never across it.
+    several times a second, and hardly across it.
 
     Args:
         rim: the car's speed as each wheel tells it, m/s.
