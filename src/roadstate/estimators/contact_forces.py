@@ -395,6 +395,5 @@ class ForceMeter(eqx.Module):
         turning = _TURNING * accel[1] * sine
         lost = jnp.where(drive.is_shifting, UNKNOWN["shift"], 0.0)
         lost = jnp.where(drive.age < STALE, lost, UNKNOWN["drive"])
-        holds = unseen.may_act | (jnp.abs(speed) < _CRAWL)
-        brake = jnp.where(holds, UNKNOWN["brake"], jnp.where(unseen.may_rub, UNKNOWN["idle"], 0.0))
+        brake = jnp.where(unseen.may_act | (jnp.abs(speed) < _CRAWL), UNKNOWN["brake"], 0.0)
         return jnp.sqrt(_UNEVEN**2 + gust**2 + white**2 + late**2 + turning**2 + lost**2 + brake**2)

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
     from roadstate.vehicles import Vehicle
 
-UNKNOWN = {"shift": 1.5, "brake": 6.0, "drive": 3.0, "idle": 0.2}
-"""m/s²/√Hz: intensity of a force that is not known; the last of a brake too gentle to be recognised."""
+UNKNOWN = {"shift": 1.5, "brake": 6.0, "drive": 3.0}
+"""m/s²/√Hz: intensity of a force that is not known."""
 _SLOWEST_RATIO = 2.0  # m/s: below it a ratio of two speeds says nothing
 _SHIFT_TIME = 0.7  # s after a change of gear during which torque and inertia are not what they seem
 _RATIO_JUMP = 0.08  # relative change of ratio between samples that counts as another gear
@@ -78,12 +78,10 @@ class UnseenBrakes(NamedTuple):
     Attributes:
         act: they do.
         may_act: they do, or there is no telling.
-        may_rub: nothing drives the car, and a foot may rest on the brake: too gently to be recognised.
     """
 
     act: Bool[Array, ""]
     may_act: Bool[Array, ""]
-    may_rub: Bool[Array, ""]
 
 
 class BrakeWatch(NamedTuple):
@@ -94,21 +92,19 @@ class BrakeWatch(NamedTuple):
             direction of travel.
         now: the same at this instant.
         coasting: whether the drive hardly pulls.
-        idle: whether it does not pull at all.
         pulled: s for which it has pulled so that nobody brakes; once it was long enough, it stays so.
     """
 
     missing: Float[Array, ""]
     now: Float[Array, ""]
     coasting: Bool[Array, ""]
-    idle: Bool[Array, ""]
     pulled: Float[Array, ""]
 
     @classmethod
     def none(cls) -> BrakeWatch:
         """Before the first sample."""
         zero = jnp.zeros(())
-        return cls(zero, zero, zero > 0, zero > 0, zero)
+        return cls(zero, zero, zero > 0, zero)
 
     def take(
         self,
@@ -132,8 +128,9 @@ class BrakeWatch(NamedTuple):
         missing = self.missing - jnp.expm1(-dt / _BRAKE_LAG) * (now - self.missing)
         pulled = jnp.where(jnp.abs(push) > _PULLS[0], self.pulled + dt, 0.0)
         pulled = jnp.where(self.seems, 0.0, pulled)
-        pulled = jnp.where(self.pulled > _PULLS[1], self.pulled, pulled)
-        return BrakeWatch(missing, now, push < _COASTING, push < _PULLS[0], pulled)
+        return BrakeWatch(
+            missing, now, push < _COASTING, jnp.where(self.pulled > _PULLS[1], self.pulled, pulled)
+        )
 
     @property
     def seems(self) -> Bool[Array, ""]:
@@ -158,7 +155,7 @@ class BrakeWatch(NamedTuple):
             felt: whether the accelerometer tells anything.
         """
         act = drive.is_brake_unknown | (self.seems & felt & (not knows_brakes))
-        return UnseenBrakes(act, act | (self.possible & (not knows_brakes)), self.idle & (not knows_brakes))
+        return UnseenBrakes(act, act | (self.possible & (not knows_brakes)))
 
 
 class TractionState(NamedTuple):
