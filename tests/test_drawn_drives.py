@@ -8,6 +8,7 @@ from benchmarks.accuracy.run import without
 from benchmarks.accuracy.scenarios import SATELLITE
 from benchmarks.drawn import drives
 from benchmarks.drawn.__main__ import Row, cells, rows
+from benchmarks.ice_starts import cuts
 
 from roadstate.core import WHEELS, Estimates, Log
 from roadstate.core.constants import GRAVITY
@@ -82,3 +83,18 @@ def test_a_log_that_begins_with_wheels_that_spin_on_ice() -> None:
     assert found["friction_peak"].above > 0.9
     for force in ("force_y_front", "force_y_rear", "force_x_front", "force_x_rear"):
         assert found[force].inside > 0.7
+
+
+def test_logs_are_cut_where_a_wheel_slips_on_the_move() -> None:
+    time = np.arange(0, 40, 0.01)
+    speed = np.where(time < 5, 1.0, 10.0)  # it slips while it hardly moves, too
+    slips = np.where((time < 6) | (time > 35), -0.3, 0.0)
+    channels = {f"ref_slip_{w}": 0.01 * np.ones_like(time) for w in WHEELS}
+    log = Log(time, {**channels, "ref_slip_rl": slips, "ref_velocity_x": speed})
+    parts = list(cuts(log, np.random.default_rng(0)))
+    assert parts
+    for part in parts:
+        assert 5 <= part.time[0] < 6  # not in the last ten seconds, either
+        assert part.time[-1] - part.time[0] == pytest.approx(10, abs=0.02)
+        assert part["ref_velocity_x"][0] == 10
+    assert not list(cuts(log.with_channels({"ref_slip_rl": 0 * slips}), np.random.default_rng(0)))
