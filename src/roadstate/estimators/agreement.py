@@ -12,8 +12,8 @@ DEAD_BAND = 0.7
 BEARS = 0.03
 """Force over load from which on its sign is known."""
 _PROVES = 0.05  # s for which all wheels agree until they are believed
-_OUTVOTED = 0.1  # of a time for which all but one do counts; and s of that until their speed is taken
-_TAKES = 0.01
+_OUTVOTED = 0.1  # what each second for which all but one agree counts for, s
+_TAKES = 0.01  # s of such until the speed of all but one is taken
 _CREEP = 0.1  # m/s²: how fast what they told of the speed before is let go of
 _LEAST_SLIP = (0.15, 0.015)  # m/s, and share of the speed: 1σ of what the wheel slips that slips least
 _PUZZLING = 0.2  # 1σ of that, as a share of what wheels are apart that do not race, either

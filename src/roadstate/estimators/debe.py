@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 import equinox as eqx
 import jax.numpy as jnp
 import jax.scipy.linalg as jsl
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
 from roadstate.core.channels import WHEELS
 from roadstate.core.constants import GRAVITY
@@ -26,7 +26,7 @@ from roadstate.estimators.signals import (
     signed_direction,
     way,
 )
-from roadstate.estimators.traction import UNKNOWN, BrakeWatch, Traction, TractionMeter, TractionState
+from roadstate.estimators.traction import UNKNOWN, BrakeWatch, TractionMeter, TractionState
 from roadstate.filters import UKF, FilterState, GateRule
 from roadstate.linalg import root
 from roadstate.statespace import StateSpaceModel
@@ -245,13 +245,16 @@ class DEBE(Estimator[DEBEState]):
         bend = held_back(lateral, jnp.where(steer.age < _STALE, steer.value, 0.0), self.front_share)
         explained = push - self.model.resistance(speed, grade) - bend
         watch = state.brakes.take(accel, explained, drive.drive_force / self.mass, way(speed), dt)
-        braking, unknown = self._brakes(drive, accel, watch)
+        unseen = watch.unseen(drive, self.traction.knows_brakes, accel.age < _SILENT)
+        unknown = unseen.act
+        if not (self.traction.knows_brakes or "accel_x" in self.channels):
+            unknown = watch.coasting
+        braking = drive.is_braking if self.traction.knows_brakes else unknown
         stands = jnp.abs(speed) < STANDSTILL_SPEED
         intensity = jnp.hypot(_MODEL_NOISE, drive.torque_std / self.mass * _TORQUE_TIME**0.5)
         intensity = jnp.hypot(intensity, drive.brake_std / self.mass * _BRAKE_TIME**0.5)
         intensity = jnp.hypot(intensity, jnp.where(drive.is_shifting, UNKNOWN["shift"], 0.0))
-        may_brake = unknown | (watch.possible & (not self.traction.knows_brakes))
-        intensity = jnp.hypot(intensity, jnp.where(may_brake, UNKNOWN["brake"], 0.0))
+        intensity = jnp.hypot(intensity, jnp.where(unknown | unseen.may_act, UNKNOWN["brake"], 0.0))
         intensity = jnp.hypot(intensity, jnp.where(known & ~stands, 0.0, UNKNOWN["drive"]))
         share = self.mass / drive.inertia
         direction = signed_direction(
@@ -287,17 +290,6 @@ class DEBE(Estimator[DEBEState]):
             filter_state, traction_state, yaw_rate, steer, accel, watch, speed_age, error, validity
         )
         return new, info
-
-    def _brakes(
-        self, drive: Traction, accel: Held, watch: BrakeWatch
-    ) -> tuple[Bool[Array, ""], Bool[Array, ""]]:
-        """Whether brakes act, and whether with a force that is not known."""
-        if self.traction.knows_brakes:
-            return drive.is_braking, drive.is_brake_unknown
-        if "accel_x" in self.channels:
-            seems = watch.seems & (accel.age < _SILENT)
-            return seems, seems
-        return watch.coasting, watch.coasting
 
     def estimate(self, state: DEBEState) -> Estimate:
         """Grade and speed."""
