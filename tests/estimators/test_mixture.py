@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from roadstate.estimators.mixture import inherit, learn, likeliest, moments
+from roadstate.estimators.mixture import inherit, learn, likeliest, moments, weigh
 
 Numbers = NDArray[np.float64]
 
@@ -49,10 +49,11 @@ def test_sides_learn_apart(three: tuple[Numbers, Numbers, Numbers]) -> None:
 
 
 def test_the_surest_of_equally_good_predictions_is_the_likeliest() -> None:
-    zero, P = jnp.zeros((1, 2)), jnp.asarray([[[1e-4, 1.0]]])
-    said = learn(zero, P, jnp.ones((1, 2)), jnp.zeros(2), jnp.full(2, 0.01), jnp.asarray(1.0), 1.0)[2]
+    zero, P, noise = jnp.zeros((1, 2)), jnp.asarray([[[1e-4, 1.0]]]), jnp.full(2, 0.01)
+    own = learn(zero, P, jnp.ones((1, 2)), jnp.zeros(2), noise, jnp.asarray(1.0))[2]
+    said = weigh(jnp.zeros(2), own, noise, jnp.asarray(1.0), 1.0)
     assert float(said[0] - said[1]) == pytest.approx(0.5 * np.log(1.01 / 0.0101))
-    without = learn(zero, P, jnp.ones((1, 2)), jnp.zeros(2), jnp.full(2, 0.01), jnp.asarray(1.0))[2]
+    without = weigh(jnp.zeros(2), own, noise, jnp.asarray(1.0))
     assert float(without[0] - without[1]) == 0.0
 
 
@@ -97,8 +98,9 @@ def test_a_state_that_explains_all_pays_for_it_once(takes: float) -> None:
     total, step = 0.0, jax.jit(learn)
     for _ in range(int(400 * takes**0.5)):
         innovation = offset - x[0]
-        x, P, said = step(x, P, jnp.ones((1, 1)), innovation, jnp.full(1, noise), jnp.asarray(takes))
-        total += float(said[0])
+        counts = jnp.full(1, noise), jnp.asarray(takes)
+        x, P, own = step(x, P, jnp.ones((1, 1)), innovation, *counts)
+        total += float(weigh(innovation, own, *counts)[0])
     assert float(x[0, 0]) == pytest.approx(offset, abs=0.01)
     assert total == pytest.approx(-0.625 * offset**2 / P0, rel=0.25)
 

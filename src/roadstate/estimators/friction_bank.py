@@ -18,7 +18,7 @@ from roadstate.estimators.base import leaf
 from roadstate.estimators.friction_curve import Grip, bounded, theoretical_slip
 from roadstate.estimators.friction_wheels import Aside, Wheels
 from roadstate.estimators.intake import SMOOTHING
-from roadstate.estimators.mixture import inherit, learn, likeliest, moments, padded
+from roadstate.estimators.mixture import inherit, learn, likeliest, moments, padded, weigh
 from roadstate.estimators.sideways import (
     BANK,
     BIAS_R,
@@ -220,7 +220,8 @@ class FrictionBank(eqx.Module):
             noise = jnp.where(known, noise, 1e12)
             misread = (x[BIAS_Y] + x[LEVER] * touch.yaw_accel) / GRAVITY
             innovation = jnp.where(known, measured - here.across - misread, 0.0)
-            x, P, likelihood = learn(x, P, row, innovation, noise, takes[axle], whole[axle])
+            x, P, own = learn(x, P, row, innovation, noise, takes[axle])
+            likelihood = weigh(innovation, own, noise, takes[axle], whole[axle])
             across_evidence.append(jnp.where(known, likelihood, 0.0))
         angles = [self._angle(x, touch, speed, axle) for axle in range(2)]
         across = [self._cornering(x, touch, axle) * angles[axle] for axle in range(2)]

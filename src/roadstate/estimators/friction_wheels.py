@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float
 from roadstate.estimators import slip_jump
 from roadstate.estimators.base import leaf
 from roadstate.estimators.friction_curve import TOP, Grip, bounded, elastic, theoretical_slip
-from roadstate.estimators.mixture import learn
+from roadstate.estimators.mixture import learn, weigh
 from roadstate.estimators.sideways import FORCE_ERROR, FORCE_ERROR_TIME, SLOWEST, Touch
 
 if TYPE_CHECKING:
@@ -126,7 +126,8 @@ class Wheels(eqx.Module):
         own = jnp.where(jnp.abs(measured) > friction, FORCE_ERROR_TIME, of_slip)
         lasts = 2 * (own + (_SLIP_TIME[1] - own) * jnp.where(sure, shared, 0.0) + _SPLIT_TIME * lent)
         counts = jnp.maximum((lasts + 1 / anew[:, None]) / step, 1.0)
-        y, Y, likelihood = learn(y, Y, row, innovation, noise, counts)
+        y, Y, own = learn(y, Y, row, innovation, noise, counts)
+        likelihood = weigh(innovation, own, noise, counts)
         jumps = slip_jump.evidence(
             jump, touch, turned, self.slip_stiffness, friction, bent, jnp.sqrt(floor), step
         )

@@ -14,9 +14,9 @@ _ONSET = 8.0  # squared deviations, over σ², that no lasting error explains
 
 
 def learn(
-    x: Array, P: Array, row: Array, innovation: Array, noise: Array, takes: Array, whole: Array | float = 0.0
+    x: Array, P: Array, row: Array, innovation: Array, noise: Array, takes: Array
 ) -> tuple[Array, Array, Array]:
-    """A scalar measurement for all hypotheses: new mean and covariance, and log-likelihood.
+    """A scalar measurement for all hypotheses: new mean and covariance, and what the old one made of it.
 
     Args:
         x: (..., n, J).
@@ -25,22 +25,36 @@ def learn(
         innovation: (..., J).
         noise: (..., J) variance of an independent sample.
         takes: how many samples make an independent one; what deviates far counts less.
-        whole: 0 to 1, how much of the likelihood's normalising factor counts.
+
+    Returns:
+        x, P, and the variance (..., J) of the measurement that ``P`` had foreseen, but for noise.
     """
     gain = jnp.sum(P * row[..., None, :, :], axis=-2)
     own = jnp.sum(gain * row, axis=-2)
     far = innovation**2 / (own + noise)
-    fresh = innovation**2 / (own / takes + noise)
     total = own + noise * takes * (1 + far / _ROBUST)
     x = x + gain * (innovation / total)[..., None, :]
     P = P - gain[..., None, :] * (gain / total[..., None, :])[..., None, :, :]
+    return x, P, own
+
+
+def weigh(innovation: Array, own: Array, noise: Array, takes: Array, whole: Array | float = 0.0) -> Array:
+    """Log-likelihood (..., J) of a scalar measurement under each hypothesis.
+
+    Args:
+        innovation: (..., J).
+        own: (..., J) variance that :func:`learn` foresaw.
+        noise: (..., J) variance of an independent sample.
+        takes: how many samples make an independent one.
+        whole: 0 to 1, how much of the likelihood's normalising factor counts.
+    """
     # What a state errs is no noise that many samples average out: a hypothesis that explains all by a state
     # far from its prior pays what the prior says of that, as in the evidence of a linear model.
+    fresh = innovation**2 / (own / takes + noise)
     # The normalising factor counts while forces change. Without it a hypothesis that is unsure of its force
     # is never refuted, and friction comes out too high; while nothing changes, every hypothesis predicts
     # well, noises are but roughly known, and the surest, a tire that slides, would win by the factor alone.
-    likelihood = tempered(fresh, takes) - whole * 0.5 * jnp.log(own + noise) / takes
-    return x, P, likelihood
+    return tempered(fresh, takes) - whole * 0.5 * jnp.log(own + noise) / takes
 
 
 def tempered(far: Array, takes: Array, most: float = 1.0) -> Array:
