@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from roadstate.estimators.mixture import inherit, learn, likeliest, moments, weigh
+from roadstate.estimators.mixture import at_once, inherit, learn, likeliest, moments, weigh
 
 Numbers = NDArray[np.float64]
 
@@ -48,6 +48,22 @@ def test_sides_learn_apart(three: tuple[Numbers, Numbers, Numbers]) -> None:
             np.testing.assert_allclose(np.asarray(one)[side], np.asarray(other), rtol=1e-12)
 
 
+@pytest.mark.parametrize("innovation", [0.1, 6.0])
+def test_measurements_at_once_are_those_one_after_another(
+    innovation: float, three: tuple[Numbers, Numbers, Numbers]
+) -> None:
+    x, P, _ = map(jnp.asarray, three)
+    rows = jnp.asarray([[[1.0, 0.5, -1.0], [0.3, 0.0, 2.0]], [[0.2, -1.0, 1.0], [1.0, 0.4, 0.0]]])
+    innovations, noises = jnp.full((2, 3), innovation), jnp.asarray([[0.5, 1.0, 2.0], [0.1, 0.3, 4.0]])
+    mean, variance = at_once(x, P, rows, innovations, noises)
+    one, spread = x, P
+    for row, told, noise in zip(rows, innovations, noises, strict=True):
+        left = told - jnp.sum(row * (one - x), axis=0)
+        one, spread, _ = learn(one, spread, row, left, noise, jnp.asarray(1.0))
+    np.testing.assert_allclose(mean, one, rtol=1e-12)
+    np.testing.assert_allclose(variance, [spread[0, 0], spread[1, 1]], rtol=1e-12)
+
+
 def test_the_surest_of_equally_good_predictions_is_the_likeliest() -> None:
     zero, P, noise = jnp.zeros((1, 2)), jnp.asarray([[[1e-4, 1.0]]]), jnp.full(2, 0.01)
     own = learn(zero, P, jnp.ones((1, 2)), jnp.zeros(2), noise, jnp.asarray(1.0))[2]
@@ -82,7 +98,8 @@ def test_moments_are_those_of_samples(three: tuple[Numbers, Numbers, Numbers]) -
     for j in range(3):
         chosen = which == j
         samples[chosen] = rng.multivariate_normal(x[:, j], P[:, :, j], chosen.sum())
-    mean, std = moments(*map(jnp.asarray, (x, P, p)))
+    variance = np.stack([P[0, 0], P[1, 1]])
+    mean, std = moments(*map(jnp.asarray, (x, variance, p)))
     np.testing.assert_allclose(np.asarray(mean), samples.mean(axis=0), atol=0.02)
     np.testing.assert_allclose(np.asarray(std), samples.std(axis=0), rtol=0.01)
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from roadstate.core.constants import GRAVITY
 from roadstate.core.kernel import once
@@ -18,7 +19,7 @@ from roadstate.estimators.base import leaf
 from roadstate.estimators.friction_curve import Grip, bounded, theoretical_slip
 from roadstate.estimators.friction_wheels import Aside, Wheels
 from roadstate.estimators.intake import SMOOTHING
-from roadstate.estimators.mixture import inherit, learn, likeliest, moments, padded, weigh
+from roadstate.estimators.mixture import at_once, inherit, learn, likeliest, moments, padded, weigh
 from roadstate.estimators.sideways import (
     BANK,
     BIAS_R,
@@ -52,6 +53,7 @@ _DRIFT = 0.1**2 / 300.0  # 1/m: variance of ln μ that is added by driving on
 _SIDESLIP = (0.1, 0.03)  # rad: 1σ of the rear axle's slip angle where friction is 1, and at the least
 _SLIDES = 1.0  # s in which it becomes another one
 _ANGLE_ERROR = 0.002  # rad: 1σ of a slip angle, besides what v_y and the steering's bias do to it
+_BEND = 0.3  # 1σ of an axle's force, as a share of what it lacks of a linear one
 _ANEW = (0.06, 12.0)  # change of a force over load that tells anew; else it does after s
 _LEAST_STEP = 1e-3
 _FLOOR = 1e-15  # of a probability
@@ -92,6 +94,7 @@ class BankState(NamedTuple):
         P: (n, n, J) its covariance.
         y: (4, m, J) of the wheels, see :meth:`~roadstate.estimators.friction_wheels.Wheels.init`.
         Y: (4, m, m, J) its covariance.
+        merged: mean (n,) and 1σ (n,) of all hypotheses together, see :meth:`FrictionBank.merged`.
         level: (14,) F_y/F_z of the axles, F_x/F_z of the wheels, what it were if it stayed linear, and what
             the wheels slip beyond their force, slowed.
     """
@@ -101,7 +104,26 @@ class BankState(NamedTuple):
     P: Float[Array, "n n J"]
     y: Float[Array, "4 m J"]
     Y: Float[Array, "4 m m J"]
+    merged: tuple[Float[Array, " n"], Float[Array, " n"]]
     level: Float[Array, " 14"]
+
+
+class _Told(NamedTuple):
+    """What an axle's F_y/F_z tells under each of J hypotheses.
+
+    Attributes:
+        row: its derivative by the states.
+        innovation: by what it exceeds its prediction.
+        noise: variance of its error.
+        bend: what a linear tire would bear more.
+        known: whether it is measured.
+    """
+
+    row: Float[Array, "n J"]
+    innovation: Float[Array, " J"]
+    noise: Float[Array, " J"]
+    bend: Float[Array, " J"]
+    known: Bool[Array, " J"]
 
 
 class FrictionBank(eqx.Module):
@@ -158,6 +180,7 @@ class FrictionBank(eqx.Module):
             jnp.zeros((SIZE, _COUNT)),
             self.motion.first[:, :, None] * ones,
             *self.wheels.init(_COUNT),
+            (jnp.zeros(SIZE), root(jnp.diagonal(self.motion.first))),
             jnp.concatenate([jnp.zeros(10), jnp.full(4, slip_jump.NOTHING)]),
         )
         return in_single(state)
@@ -186,7 +209,6 @@ class FrictionBank(eqx.Module):
         x, P = self.motion.moved(mixed.x, mixed.P, touch, dt)
         takes = jnp.maximum((2 * FORCE_ERROR_TIME + 1 / anew[:2]) / step, 1.0)
         speed = jnp.maximum(jnp.abs(touch.speed), SLOWEST)
-        across_evidence = []
         # beyond its peak a tire tells nothing of the sideslip: a car that is driven does not slide far, and
         # where the road is slippery the peak comes at a smaller angle
         likely = jnp.maximum(_SIDESLIP[0] * self.friction, _SIDESLIP[1])
@@ -195,34 +217,16 @@ class FrictionBank(eqx.Module):
         row = jnp.stack([jnp.full_like(rear, 1 / speed), *[zero] * (SIZE - 1)])
         x, P, _ = learn(x, P, row, -rear, likely**2, jnp.maximum(_SLIDES / step, 1.0))
         along = once(self.wheels.linear(mixed.y, touch))
+        across_evidence: list[Array] = []
+        forces: list[_Told] = []
+        before: list[Array] = []
         for axle in range(2):
-            here = self._axle(x, touch, speed, along[2 * axle : 2 * axle + 2], axle)
-            angle = self._cornering(x, touch, axle)
-            by_angle = here.across_by_angle * angle
-            lagged = -by_angle / speed
-            rows = [zero] * SIZE  # stacked: writing one by one costs a pass each
-            rows[V_Y], rows[BANK] = lagged, lagged * touch.lag
-            # the accelerometer's bias and place are in the force as well
-            rows[BIAS_Y] = lagged * touch.lag + 1 / GRAVITY
-            rows[LEVER] = rows[BIAS_Y] * touch.yaw_accel
-            rows[STIFF_F + axle], rows[SHAPE] = here.across_by_slip, here.across_by_shape
-            rows[BIAS_R] = lagged * (-self.motion.arm[axle] - touch.lag * touch.speed)
-            gives = self._gives(x, axle)
-            if axle == 0:
-                rows[STEER_BIAS] = -by_angle * jnp.sign(touch.speed)
-                rows[GIVE_F] = -by_angle * touch.across[0]
-            row = jnp.stack(rows)
-            measured = touch.across[axle]
-            noise = self._shake**2 + FORCE_ERROR[0] ** 2 + (FORCE_ERROR[1] * measured) ** 2
-            noise = noise + touch.across_std[axle] ** 2 + touch.shaken[1] ** 2
-            noise = noise * (1 + gives * by_angle) ** 2 + (by_angle * _ANGLE_ERROR) ** 2
-            known = jnp.isfinite(noise) & (jnp.abs(touch.speed) > SLOWEST)
-            noise = jnp.where(known, noise, 1e12)
-            misread = (x[BIAS_Y] + x[LEVER] * touch.yaw_accel) / GRAVITY
-            innovation = jnp.where(known, measured - here.across - misread, 0.0)
-            x, P, own = learn(x, P, row, innovation, noise, takes[axle])
-            likelihood = weigh(innovation, own, noise, takes[axle], whole[axle])
-            across_evidence.append(jnp.where(known, likelihood, 0.0))
+            force = self._told(x, touch, along, axle)
+            forces.append(force)
+            before.append(x)
+            x, P, own = learn(x, P, force.row, force.innovation, force.noise, takes[axle])
+            likelihood = weigh(force.innovation, own, force.noise, takes[axle], whole[axle])
+            across_evidence.append(jnp.where(force.known, likelihood, 0.0))
         angles = [self._angle(x, touch, speed, axle) for axle in range(2)]
         across = [self._cornering(x, touch, axle) * angles[axle] for axle in range(2)]
         aside = Aside(jnp.stack(angles), jnp.stack(across))
@@ -236,7 +240,36 @@ class FrictionBank(eqx.Module):
         raised = once(mixed.weight * jnp.exp(evidence - most))
         total = jnp.sum(raised, axis=(0, 2), keepdims=True)
         weight = jnp.maximum(raised / total, _FLOOR)
-        return BankState(weight, x, P, y, Y, level), in_default((most + jnp.log(total))[0, 0, 0])
+        merged = self._merged(x, P, forces, before, jnp.sum(weight[:, 0], axis=0))
+        return BankState(weight, x, P, y, Y, merged, level), in_default((most + jnp.log(total))[0, 0, 0])
+
+    def _told(self, x: Array, touch: Touch, along: Array, axle: int) -> _Told:
+        """What an axle's F_y/F_z tells of the states; its wheels' F_x/F_z were ``along`` if linear."""
+        speed = jnp.maximum(jnp.abs(touch.speed), SLOWEST)
+        stiffness = self._cornering(x, touch, axle)
+        linear = stiffness * self._angle(x, touch, speed, axle)
+        here = self._axle(x, along[2 * axle : 2 * axle + 2], linear)
+        by_angle = here.across_by_angle * stiffness
+        lagged = -by_angle / speed
+        rows = [jnp.zeros_like(lagged)] * SIZE  # stacked: writing one by one costs a pass each
+        rows[V_Y], rows[BANK] = lagged, lagged * touch.lag
+        # the accelerometer's bias and place are in the force as well
+        rows[BIAS_Y] = lagged * touch.lag + 1 / GRAVITY
+        rows[LEVER] = rows[BIAS_Y] * touch.yaw_accel
+        rows[STIFF_F + axle], rows[SHAPE] = here.across_by_slip, here.across_by_shape
+        rows[BIAS_R] = lagged * (-self.motion.arm[axle] - touch.lag * touch.speed)
+        gives = self._gives(x, axle)
+        if axle == 0:
+            rows[STEER_BIAS] = -by_angle * jnp.sign(touch.speed)
+            rows[GIVE_F] = -by_angle * touch.across[0]
+        measured = touch.across[axle]
+        noise = self._shake**2 + FORCE_ERROR[0] ** 2 + (FORCE_ERROR[1] * measured) ** 2
+        noise = noise + touch.across_std[axle] ** 2 + touch.shaken[1] ** 2
+        noise = noise * (1 + gives * by_angle) ** 2 + (by_angle * _ANGLE_ERROR) ** 2
+        known = jnp.isfinite(noise) & (jnp.abs(touch.speed) > SLOWEST)
+        misread = (x[BIAS_Y] + x[LEVER] * touch.yaw_accel) / GRAVITY
+        innovation = jnp.where(known, measured - here.across - misread, 0.0)
+        return _Told(jnp.stack(rows), innovation, jnp.where(known, noise, 1e12), linear - here.across, known)
 
     def _of_jumps(self, jumps: slip_jump.Told) -> Float[Array, "3 7 J"]:
         """What the wheels' jumps tell each part. A road that has begun under several wheels has not reached
@@ -264,10 +297,8 @@ class FrictionBank(eqx.Module):
         angle = angle - (x[V_Y] - self.motion.arm[axle] * x[BIAS_R] - touch.lag * lateral) / speed
         return angle - x[STEER_BIAS] * jnp.sign(touch.speed) if axle == 0 else angle
 
-    def _axle(self, x: Array, touch: Touch, speed: Array, along: Array, axle: int) -> Grip:
-        """An axle's tires together: the mean of its wheels, whose F_x/F_z were ``along`` if linear."""
-        angle = self._angle(x, touch, speed, axle)
-        across = self._cornering(x, touch, axle) * angle
+    def _axle(self, x: Array, along: Array, across: Array) -> Grip:
+        """An axle's tires together: the mean of its wheels, whose F_x/F_z, and its F_y/F_z, if linear."""
         wheels = bounded(along, across, self.friction, self.wheels.shape + x[SHAPE])
         return Grip(*(jnp.mean(part, axis=0) for part in wheels))
 
@@ -287,7 +318,7 @@ class FrictionBank(eqx.Module):
         new = born / jnp.maximum(whole, _FLOOR)
         x, P = inherit(state.x, state.P, whole[0], new[0])
         y, Y = jax.vmap(inherit)(state.y, state.Y, whole[_WHEELS], new[_WHEELS])
-        return BankState(p, x, P, y, Y, state.level)
+        return BankState(p, x, P, y, Y, state.merged, state.level)
 
     def _weights(self, state: BankState) -> Float[Array, "7 J"]:
         """Of the hypotheses, for each part, whatever its mode."""
@@ -295,8 +326,30 @@ class FrictionBank(eqx.Module):
         return once(p / jnp.sum(p, axis=1, keepdims=True))
 
     def merged(self, state: BankState) -> tuple[Array, Array]:
-        """Mean (n,) and 1σ (n,) of :data:`STATES` over all hypotheses."""
-        return in_default(moments(state.x, state.P, self._weights(state)[0]))
+        """Mean (n,) and 1σ (n,) of :data:`STATES` over all hypotheses, with what the latest forces tell."""
+        return in_default(state.merged)
+
+    def _merged(
+        self, x: Array, P: Array, told: Sequence[_Told], before: Sequence[Array], weight: Array
+    ) -> tuple[Array, Array]:
+        """As :meth:`merged`.
+
+        An error of a force lasts, and as the filter has it no sample counts for more than its share of the
+        time in which it becomes another one: so its sideslip lags where a road's bank changes. But once, and
+        if that is not remembered, the latest forces may count for what they are.
+
+        Args:
+            x, P: after the latest forces.
+            told: by the forces of the axles.
+            before: (n, J) of each, what it was held against.
+            weight: (J,) of the hypotheses.
+        """
+        rows = jnp.stack([t.row for t in told])
+        left = [
+            t.innovation - jnp.sum(t.row * (x - then), axis=0) for t, then in zip(told, before, strict=True)
+        ]
+        noises = jnp.stack([t.noise + (_BEND * t.bend) ** 2 for t in told])
+        return moments(*at_once(x, P, *once((rows, jnp.stack(left), noises))), weight)
 
     def quantiles(self, state: BankState, levels: tuple[float, ...]) -> Float[Array, "q 5"]:
         """Quantiles of μ in each of :data:`VIEWS`, linear in ln μ between the grid's points."""

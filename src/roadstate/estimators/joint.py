@@ -80,7 +80,6 @@ class JointState(NamedTuple):
         fault_age: (8 + m,) s for which each inertial, steering and wheel signal has been refused or stuck,
             and each of the filter's sensors refused.
         latest: what the forces were, for :meth:`Joint.estimate`.
-        sideways: mean (n,) and 1σ (n,) of what the bank makes of its states.
         friction: (3, 5) of each view's friction: the 5 % quantile, the likeliest, the 95 % quantile.
         validity: code.
     """
@@ -100,7 +99,6 @@ class JointState(NamedTuple):
     doubt: Float[Array, ""]
     fault_age: Float[Array, " k"]
     latest: AxleForces
-    sideways: tuple[Float[Array, " n"], Float[Array, " n"]]
     friction: Float[Array, "3 5"]
     validity: Int[Array, ""]
 
@@ -212,14 +210,13 @@ class Joint(Estimator[JointState]):
             doubt=zero,
             fault_age=jnp.zeros(len(ROWS) + len(WHEEL_SPEEDS) + len(self.sensors)),
             latest=self.forces.nothing(),
-            sideways=self.bank.merged(self.bank.init()),
             friction=self._friction(self.bank.init()),
             validity=jnp.asarray(int(Validity.SENSOR_MISSING)),
         )
 
     def step(self, state: JointState, sample: Sample, dt: Float[Array, ""]) -> tuple[JointState, Info]:
         """Signals, forces, motion along the road, then what goes on across it."""
-        x, (across, across_std) = state.along.gaussian.mean, state.sideways
+        x, (across, across_std) = state.along.gaussian.mean, self.bank.merged(state.bank)
         held, raw = self.signals.read(state.signals, sample, x[SPEED], dt)
         raw, verdict = once((raw, self.trust.verdict(state.trust)))
         seen = once(self.trust.mend(state.trust, verdict, raw, x[SPEED]))
@@ -290,7 +287,7 @@ class Joint(Estimator[JointState]):
             refused = refused.at[self.sensors.index("attitude")].max(self.pitch.is_faulty(pitch))
         faulty = jnp.concatenate([raw.is_faulty, held.sense < 0, refused])
         fault_age = jnp.where(faulty, state.fault_age + dt, 0.0)
-        sideways, friction = once((self.bank.merged(bank), self._friction(bank)))
+        friction = once(self._friction(bank))
         new = JointState(
             watch,
             held,
@@ -307,7 +304,6 @@ class Joint(Estimator[JointState]):
             doubt,
             fault_age,
             forces,
-            sideways,
             friction,
             state.validity,
         )

@@ -54,7 +54,7 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
     forces = state.latest
     sine = jnp.clip(mean[SLOPE] / GRAVITY, -0.99, 0.99)
     grade = jnp.arcsin(sine)
-    side, side_std = state.sideways
+    side, side_std = joint.bank.merged(state.bank)
     # in a long bend v_y r looks like a slope, and the lateral forces say how sharp the bend is
     sharp = jnp.mean(jnp.abs(state.bank.level[:2])) / jnp.maximum(jnp.abs(mean[SPEED]), SLOWEST)
     sway = sharp * side_std[V_Y]

@@ -57,6 +57,30 @@ def weigh(innovation: Array, own: Array, noise: Array, takes: Array, whole: Arra
     return tempered(fresh, takes) - whole * 0.5 * jnp.log(own + noise) / takes
 
 
+def at_once(x: Array, P: Array, rows: Array, innovations: Array, noises: Array) -> tuple[Array, Array]:
+    """Means and variances (n, J) after k scalar measurements of one instant; of the covariance only those.
+
+    Args:
+        x: (n, J).
+        P: (n, n, J).
+        rows: (k, n, J) the sensors' derivatives.
+        innovations: (k, J).
+        noises: (k, J) their variances.
+    """
+    mean, variance = x, jnp.stack([P[i, i] for i in range(len(x))])
+    taken: list[tuple[Array, Array]] = []
+    for row, innovation, noise in zip(rows, innovations, noises, strict=True):
+        gain = jnp.sum(P * row[None], axis=1)
+        for other, total in taken:
+            gain = gain - other * (jnp.sum(other * row, axis=0) / total)
+        left = innovation - jnp.sum(row * (mean - x), axis=0)
+        own = jnp.sum(gain * row, axis=0)
+        total = own + noise * (1 + left**2 / (own + noise) / _ROBUST)
+        mean, variance = mean + gain * (left / total), variance - gain * (gain / total)
+        taken.append((gain, total))
+    return mean, variance
+
+
 def tempered(far: Array, takes: Array, most: float = 1.0) -> Array:
     """Log-likelihood of a squared deviation over σ², with the tails of Student's t (4 degrees of freedom).
 
@@ -70,12 +94,11 @@ def tempered(far: Array, takes: Array, most: float = 1.0) -> Array:
     return -2.5 * jnp.log1p(far / 4.0) * jnp.minimum((1 + far / _ONSET) / takes, most)
 
 
-def moments(x: Array, P: Array, p: Array) -> tuple[Array, Array]:
-    """Mean (n,) and 1σ (n,) of all hypotheses together, of x (n, J), P (n, n, J) and weights p (J,)."""
+def moments(x: Array, variance: Array, p: Array) -> tuple[Array, Array]:
+    """Mean (n,) and 1σ (n,) of all hypotheses together, of means and variances (n, J) and weights p (J,)."""
     p = p / jnp.sum(p)
     mean = jnp.sum(p * x, axis=1)
-    own = jnp.stack([P[i, i] for i in range(len(x))])
-    return mean, root(jnp.sum(p * (own + (x - mean[:, None]) ** 2), axis=1))
+    return mean, root(jnp.sum(p * (variance + (x - mean[:, None]) ** 2), axis=1))
 
 
 def likeliest(p: Array) -> Array:
