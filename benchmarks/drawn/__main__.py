@@ -11,7 +11,7 @@ each has a road of its own (grade, bank, bends, unevenness of ISO 8608 class A t
 from __future__ import annotations
 
 import argparse
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterator
 from pathlib import Path
 from textwrap import fill
@@ -61,6 +61,7 @@ _HOW = (
     "share that nine in ten drives exceed. Of grade and bank the mean over a second counts. Grade in per "
     "cent of slope; angles in rad, else SI units."
 )
+_SOUND = "No sensor is at fault in any of these drives, so each fault that is told is a false alarm."
 _COLUMNS = ("RMSE", "stated 1 σ", "inside", "of 9 in 10 drives", "lower bound holds")
 
 
@@ -78,6 +79,18 @@ class Row(NamedTuple):
     variance: float
     inside: float
     above: float
+
+
+class Study(NamedTuple):
+    """What came out.
+
+    Attributes:
+        rows: (quantity, channels, estimator) → a row for each drive.
+        alarms: (channels, estimator) → what was said of sensors in each drive, all of which are sound.
+    """
+
+    rows: dict[tuple[str, str, str], list[Row]]
+    alarms: dict[tuple[str, str], list[list[str]]]
 
 
 def rows(said: Estimates, log: Log) -> dict[str, Row]:
@@ -114,9 +127,10 @@ def recorded(vehicle: str, count: int) -> Iterator[tuple[Log, Vehicle]]:
     return (drawn(car, first + i) for i in range(count))
 
 
-def study(count: int) -> dict[tuple[str, str, str], list[Row]]:
-    """(quantity, channels, estimator) → a row for each drive."""
+def study(count: int) -> Study:
+    """Every estimator on ``count`` drives of each vehicle."""
     found: dict[tuple[str, str, str], list[Row]] = defaultdict(list)
+    alarms: dict[tuple[str, str], list[list[str]]] = defaultdict(list)
     with shown() as tell:
         for i, vehicle in enumerate(VEHICLES):
             logs = []
@@ -131,11 +145,20 @@ def study(count: int) -> dict[tuple[str, str, str], list[Row]]:
                     for said, log in zip(batch(built, own), own, strict=True):
                         for quantity, row in rows(said, log).items():
                             found[quantity, channels, name].append(row)
-    return found
+                        faults = [fault["fault"] for fault in said.metadata.get("faults", [])]
+                        alarms[channels, name].append([fault.split(":")[0] for fault in faults])
+    return Study(found, alarms)
 
 
-def page(found: dict[tuple[str, str, str], list[Row]], count: int) -> str:
-    """The table in Markdown."""
+def alarmed(of_drives: list[list[str]]) -> list[str]:
+    """Of the columns of the second table: in how many drives a fault was told, and of which sensors."""
+    counts = Counter(name for told in of_drives for name in set(told))
+    said = ", ".join(f"`{name}` {times}" for name, times in counts.most_common())
+    return [f"{sum(bool(told) for told in of_drives)} of {len(of_drives)}", said]
+
+
+def page(found: Study, count: int) -> str:
+    """The tables in Markdown."""
     lines = [
         "# Drives drawn at random",
         "",
@@ -145,8 +168,16 @@ def page(found: dict[tuple[str, str, str], list[Row]], count: int) -> str:
         "|---|---|---|" + "---|" * len(_COLUMNS),
     ]
     kinds = list(LACKING)
-    order = sorted(found, key=lambda key: (key[0], ESTIMATORS.index(key[2]), kinds.index(key[1])))
-    lines += ["| " + " | ".join([*key, *cells(found[key])]) + " |" for key in order]
+    order = sorted(found.rows, key=lambda key: (key[0], ESTIMATORS.index(key[2]), kinds.index(key[1])))
+    lines += ["| " + " | ".join([*key, *cells(found.rows[key])]) + " |" for key in order]
+    lines += [
+        "",
+        _SOUND,
+        "",
+        "| channels | estimator | drives with a false alarm | of |",
+        "|---|---|---|---|",
+    ]
+    lines += ["| " + " | ".join([*key, *alarmed(told)]) + " |" for key, told in found.alarms.items()]
     return "\n".join(lines) + "\n"
 
 

@@ -251,7 +251,7 @@ class Joint(Estimator[JointState]):
             speeds = jnp.asarray(np.flatnonzero(tells))
             pull = info.innovation[speeds], root(jnp.diagonal(info.S)[speeds])
             is_late = self.watch.lateness(watch, ("accel_x",))[0] > _LAGS
-            pitch = self.pitch.judge(pitch, *seems, pull, is_late, dt)
+            pitch = self.pitch.judge(pitch, *seems, pull, along.gaussian.mean[SPEED], is_late, dt)
         unrest = self.inputs.learn(state, info, u, forces, dt)
         shortfall = self.inputs.falls_short(state.shortfall, info, u, dt)
         speed = along.gaussian.mean[SPEED]

@@ -25,6 +25,7 @@ _ROLL_ERROR = 0.004  # rad: 1σ of the body's roll beyond what bank and roll gra
 _ROLL_TIME = 1.0  # s
 _ODD_TIME = 0.5  # s: low pass of how far attitude and slope are apart
 _ODD = 0.006  # rad: so far apart they are only when the gyroscope fails
+_UNEVEN = (0.013, 2.7)  # rad by which they are where unevenness lasts, and m/s beyond which it averages out
 _SURE = 4.0  # 1σ of what is expected to part them, that many times
 # the same of the speeds' innovations over their 1σ, when the gyroscope pulls the slope away: at the least,
 # and over what the low pass leaves of a noise that all speeds have in common
@@ -165,12 +166,14 @@ class PitchMeter(eqx.Module):
         innovation_std: Float[Array, ""],
         sensor_std: Float[Array, ""],
         speeds: tuple[Float[Array, " k"], Float[Array, " k"]],
+        speed: Float[Array, ""],
         is_late: Bool[Array, ""],
         dt: Float[Array, ""],
     ) -> PitchState:
         """See whether the attitude that the gyroscope tells still goes with slope and speeds.
 
-        An accelerometer that lags pulls the slope away from the attitude, too, and no gyroscope is to blame.
+        An accelerometer that lags pulls the slope away from the attitude, too, and no gyroscope is to blame;
+        nor is it for a body that leans for a while as its axles climb over unevenness, one after the other.
 
         Args:
             state: of the same instant.
@@ -178,6 +181,7 @@ class PitchMeter(eqx.Module):
             innovation_std: as the filter has it.
             sensor_std: the sample's part of it.
             speeds: (k,) innovations of whatever tells the speed, NaN where missing, and their 1σ, m/s.
+            speed: m/s.
             is_late: whether the accelerometer may lag.
             dt: s.
         """
@@ -192,7 +196,9 @@ class PitchMeter(eqx.Module):
         share = -jnp.expm1(-dt / _ODD_TIME)
         told = state.pull + jnp.where(count > 0, share, 0.0) * (mean - state.pull)
         pulls = jnp.abs(told) > jnp.maximum(_PULL[0], _PULL[1] * root(share / (2 - share)))
-        odd = (jnp.abs(apart) > jnp.maximum(_ODD, _SURE * expected)) | pulls
+        uneven = _UNEVEN[0] / jnp.sqrt(jnp.maximum(jnp.abs(speed) / _UNEVEN[1], 1.0))
+        most = jnp.maximum(jnp.maximum(_ODD, uneven), _SURE * expected)
+        odd = (jnp.abs(apart) > most) | pulls
         # the filter first finds the attitude
         begins = state.heard < _ODD_TIME
         odd = odd & ~is_late & ~begins

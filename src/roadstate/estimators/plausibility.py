@@ -67,6 +67,7 @@ class PlausibilityState(NamedTuple):
         proven: (13,) whether its sign has ever been as sure to be right as it takes to be taken for swapped.
         reference: (13,) what the others say.
         effort: (4,) m/s², how hard drive and brakes have acted of late.
+        excused: (4,) s for which each wheel may go on spinning or locked.
         speed: the speed signal.
     """
 
@@ -77,6 +78,7 @@ class PlausibilityState(NamedTuple):
     proven: Bool[Array, " 13"]
     reference: Float[Array, " 13"]
     effort: Float[Array, " 4"]
+    excused: Float[Array, " 4"]
     speed: Held
 
 
@@ -122,8 +124,8 @@ class Plausibility(eqx.Module):
         """Nothing is known of any."""
         none = jnp.zeros(_COUNT)
         zero = jnp.zeros(())
-        evidence, never = jnp.zeros((4, _COUNT)), none > 0
-        return PlausibilityState(none, none, zero, evidence, never, none, jnp.zeros(4), Held.empty())
+        evidence, never, four = jnp.zeros((4, _COUNT)), none > 0, jnp.zeros(4)
+        return PlausibilityState(none, none, zero, evidence, never, none, four, four, Held.empty())
 
     def fault_names(self, named: Sequence[str | None]) -> tuple[str, ...]:
         """What :meth:`faults` tells of, as sentences.
@@ -217,7 +219,8 @@ class Plausibility(eqx.Module):
         last = TELLINGS.index("speed")
         rate = (held.value - state.smooth[last]) / _SMOOTHING
         effort = jnp.maximum(state.effort * jnp.exp(-dt / _AFTERWARDS), self.redundancy.effort(seen, forces))
-        told = self.redundancy.tell(seen, forces, held, rate, effort, speed)
+        excused = self.redundancy.excused(state.excused, seen, forces, effort, speed, dt)
+        told = self.redundancy.tell(seen, forces, held, rate, effort, excused, speed)
         value, std = once((told.value, told.std))
         there = jnp.isfinite(std)
         since = jnp.where(there, state.since + dt, 0.0)
@@ -259,4 +262,4 @@ class Plausibility(eqx.Module):
         most = jnp.asarray([(_ONE_SIDED + 1) * _SWAPPED] * 2 + [2 * _LIES] * 2)[:, None]
         raised = jnp.clip(state.evidence + evidence, least, most)
         proven = state.proven | (jnp.min(raised[:2], axis=0) < -_SWAPPED)
-        return PlausibilityState(since, smooth, slope, raised, proven, reference, effort, held)
+        return PlausibilityState(since, smooth, slope, raised, proven, reference, effort, excused, held)

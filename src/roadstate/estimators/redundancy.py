@@ -43,6 +43,8 @@ _WHEEL = (0.15, 0.01)  # m/s; share of the speed
 _HELD = 0.08  # torque over load that any road holds: a wheel under more may spin or lock
 _ROLLS = (2.0, 0.15)  # m/s, and share of the speed, by which a wheel that rolls may differ from it
 _HOLDS = (0.5, 0.03)  # m/s, and share of the speed, by which one under torque may, to be a witness
+_RETURNS = 8.0  # s that a wheel which torque has made spin or lock may take, on ice, to roll again
+_SUSTAINS = 0.04  # torque over load that keeps a wheel in such a spin: one that slides is held by less
 _SPEED = (0.4, 0.02)  # m/s, and share
 
 
@@ -98,7 +100,8 @@ class Redundancy(eqx.Module):
 
     Speed, each wheel R ω cos δ ± r T/2 against the others and a speed signal. A wheel under a torque that
     some road would not hold may spin or lock, which is no fault of its sensor, and then has not to answer for
-    it, nor is it a witness against wheels that roll.
+    it, nor is it a witness against wheels that roll, until it rolls again: on ice less torque holds it in its
+    spin than it took to begin.
 
     Attributes:
         radius: rolling radius, m.
@@ -139,6 +142,37 @@ class Redundancy(eqx.Module):
         braking = jnp.maximum(jnp.abs(forces.brake), -felt)
         return jnp.where(self.driven, jnp.maximum(jnp.abs(forces.drive), felt), 0.0) + braking
 
+    def _away(self, seen: Signals, speed: Array) -> tuple[Array, Array]:
+        """(4,) by what each wheel differs from the car's speed, m/s; and by what it may, to be a witness."""
+        return jnp.abs(self.radius * seen.smooth[SPIN] - speed), _HOLDS[0] + _HOLDS[1] * jnp.abs(speed)
+
+    def _used(self, forces: AxleForces, effort: Array) -> Array:
+        """(4,) what drive and brakes ask of each wheel, over its load."""
+        load = jnp.maximum(forces.load, 0.1 * jnp.mean(forces.load))
+        return jnp.maximum(jnp.abs(forces.along) / load, effort / GRAVITY)
+
+    def excused(
+        self,
+        before: Float[Array, " 4"],
+        seen: Signals,
+        forces: AxleForces,
+        effort: Float[Array, " 4"],
+        speed: Float[Array, ""],
+        dt: Float[Array, ""],
+    ) -> Float[Array, " 4"]:
+        """(4,) s for which each wheel may still go on spinning, or locked, as torque has left it.
+
+        Args:
+            before: of the sample before, 0 at the first.
+            seen, forces, effort, speed: as in :meth:`tell`.
+            dt: s.
+        """
+        away, most = self._away(seen, speed)
+        ahead = jnp.sign(self.radius * seen.smooth[SPIN] - speed)
+        sustained = forces.along * ahead > _SUSTAINS * jnp.maximum(forces.load, 0.1 * jnp.mean(forces.load))
+        driven = sustained | (self._used(forces, effort) > _HELD)
+        return jnp.where(away < 0.5 * most, 0.0, jnp.where(driven, _RETURNS, jnp.maximum(before - dt, 0.0)))
+
     def tell(
         self,
         seen: Signals,
@@ -146,6 +180,7 @@ class Redundancy(eqx.Module):
         signal: Held,
         signal_rate: Float[Array, ""],
         effort: Float[Array, " 4"],
+        excused: Float[Array, " 4"],
         speed: Float[Array, ""],
     ) -> Tellings:
         """What each way leads to.
@@ -156,6 +191,7 @@ class Redundancy(eqx.Module):
             signal: speed signal, m/s.
             signal_rate: its rate, m/s².
             effort: (4,) m/s², of late the most of :meth:`effort`.
+            excused: (4,) s, of :meth:`excused`.
             speed: the estimate so far, m/s.
         """
         smooth, known = seen.smooth, seen.age < STALE
@@ -163,10 +199,9 @@ class Redundancy(eqx.Module):
         moves = jnp.abs(speed) > self.slowest
         angle = jnp.where(known[STEER], jnp.clip(smooth[STEER], -0.9, 0.9), 0.0)
         cosine = jnp.cos(angle)
-        load = jnp.maximum(forces.load, 0.1 * jnp.mean(forces.load))
-        used = jnp.maximum(jnp.abs(forces.along) / load, effort / GRAVITY)
+        used = self._used(forces, effort)
         slip = jnp.minimum(used / self.slip_stiffness, 1.0)
-        away = jnp.abs(self.radius * spin - speed)
+        away, most = self._away(seen, speed)
         rolls = has_spin & (away < _ROLLS[0] + _ROLLS[1] * jnp.abs(speed))
         if self.has_wheels:
             wheels, apart, count = inner_mean(self.radius * seen.rate[SPIN], rolls)
@@ -219,7 +254,7 @@ class Redundancy(eqx.Module):
         rate = jnp.where(known[YAW_RATE], smooth[YAW_RATE], 0.0)
         rims = self.radius * spin * steered_cosines(cosine) + half * rate
         rims_std = _WHEEL[0] + jnp.abs(speed) * (_WHEEL[1] + 2 * slip)
-        free = used < _HELD
+        free = (used < _HELD) & (excused <= 0)
         value = jnp.concatenate([jnp.stack(along), *turning, rims, signal.value[None]])
         signal_std = jnp.hypot(_SPEED[0], _SPEED[1] * speed)
         std = jnp.concatenate([jnp.stack(along_std), *turning_std, rims_std, signal_std[None]])
@@ -227,7 +262,7 @@ class Redundancy(eqx.Module):
             [
                 jnp.stack(along_known),
                 jnp.concatenate(turning_known) & moves,
-                has_spin & moves & (free | (away < _HOLDS[0] + _HOLDS[1] * jnp.abs(speed))),
+                has_spin & moves & (free | (away < most)),
                 ((signal.age < STALE) & moves)[None],
             ]
         )
@@ -235,5 +270,7 @@ class Redundancy(eqx.Module):
         std = jnp.where(is_known & (std < largest), std, jnp.inf)
         others = jnp.ones(len(TELLINGS), bool)
         wheels_at = slice(TELLINGS.index("wheel_fl"), TELLINGS.index("wheel_rr") + 1)
-        answers = others.at[wheels_at].set(free)
+        # wheels that spin or lock follow no steering
+        steers = jnp.all(excused[:2] <= 0)
+        answers = others.at[wheels_at].set(free).at[TELLINGS.index("steer")].set(steers)
         return Tellings(value, std, answers)
