@@ -22,6 +22,7 @@ from roadstate.run import batch
 from roadstate.vehicles import Vehicle, load_vehicle
 
 _LACKING = {SATELLITE: (), BUS: RECEIVED, NO_PITCH: (*RECEIVED, "pitch_rate")}  # channels, by variant
+_Reads = tuple[str, tuple[str, ...]]
 Smooth = Callable[[Estimator[Any], Log], Estimates]
 """An estimator's smoothed estimates of a whole log."""
 Progress = Callable[[str, int, int], None]
@@ -59,13 +60,15 @@ class _Condition:
         recorded: logs, each with the vehicle file told.
         counts: estimator → how many of the logs it gets.
         made: (estimator, the channels it reads) → estimates: one that reads no receiver's runs only once.
+        gives: (estimator, the channels it reads) → its quantities, of this vehicle's drives so far.
     """
 
     vehicle: Vehicle
     drive: str
     recorded: Sequence[tuple[Log, Vehicle]]
     counts: Mapping[str, int]
-    made: dict[tuple[str, tuple[str, ...]], list[Estimates]]
+    made: dict[_Reads, list[Estimates]]
+    gives: dict[_Reads, frozenset[str]]
 
 
 def run(
@@ -107,6 +110,7 @@ def run(
     notes: dict[str, None] = {}
     conditions = [(vehicle, plan) for vehicle in vehicles for plan in plans]
     total = len(conditions)
+    gives: dict[str, dict[_Reads, frozenset[str]]] = {vehicle: {} for vehicle in vehicles}
     work = _driven_ahead([(vehicle, plan.drive, seeds, cache) for vehicle, plan in conditions])
     for i, ((vehicle, plan), recorded) in enumerate(zip(conditions, work, strict=True)):
         tell = _teller(progress, f"{vehicle}: {plan.drive}", i, total)
@@ -114,7 +118,7 @@ def run(
             notes[str(recorded)] = None
             continue
         counts = {name: few(seeds) if subject not in (None, name) else seeds for name in estimators}
-        condition = _Condition(load_vehicle(vehicle), plan.drive, recorded, counts, {})
+        condition = _Condition(load_vehicle(vehicle), plan.drive, recorded, counts, {}, gives[vehicle])
         for variant, askers in plan.variants.items():
             notes |= dict.fromkeys(_estimate(condition, variant, askers, takers, smooth, tell))
     if progress is not None:
@@ -184,12 +188,14 @@ def _estimate(
         except InputError as error:
             notes.append(f"{vehicle.name}, {variant}: {error}")
             continue
-        gives = quantities(built[0])
+        key = name, tuple(built[0].channels)
+        if key not in condition.gives:
+            condition.gives[key] = quantities(built[0])
+        gives = condition.gives[key]
         asking = [group for group in askers if not group.quantities or group.quantities & gives]
         if not asking:
             continue
         tell(name)
-        key = name, tuple(built[0].channels)
         if key not in condition.made:
             condition.made[key] = batch(built, cut)
         runs = Runs(vehicle, drive, variant, name, cut, cars, condition.made[key])

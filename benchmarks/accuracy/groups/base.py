@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections import defaultdict
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -20,6 +21,10 @@ BUS, SATELLITE, SMOOTHED = "bus", "satellite", "smoothed"
 """What a log is cut to: no receiver's channels, or with them; or with them and smoothed afterwards."""
 NO_PITCH = "bus, no pitch rate"
 """Nor the pitch rate, which few cars measure."""
+
+
+BESIDE = ThreadPoolExecutor(1)
+"""Works out bounds, which take seconds, while the estimators run on the next drives."""
 
 
 @dataclass(frozen=True)

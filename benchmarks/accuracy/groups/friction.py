@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Sequence
+from concurrent.futures import Future
 from typing import ClassVar
 
 import numpy as np
 from benchmarks.accuracy.friction_bound import friction_bound, quantile
-from benchmarks.accuracy.groups.base import BUS, SATELLITE, Array, Group, Runs
+from benchmarks.accuracy.groups.base import BESIDE, BUS, SATELLITE, Array, Group, Runs
 from benchmarks.accuracy.measures import (
     AXLES,
     CLASSES,
@@ -140,7 +141,7 @@ class Friction(Group):
         self._seen: dict[_Key, dict[str, dict[int, list[tuple[str, Array]]]]] = defaultdict(
             lambda: defaultdict(lambda: defaultdict(list))
         )
-        self._spread: dict[tuple[str, str], dict[tuple[str, str], Array]] = {}  # by vehicle and drive
+        self._spread: dict[tuple[str, str], Future[dict[tuple[str, str], Array]]] = {}  # vehicle, drive
 
     def add(self, runs: Runs) -> None:
         """The samples of each class."""
@@ -148,7 +149,7 @@ class Friction(Group):
             return
         condition = runs.vehicle.name, runs.drive
         if self.variant == SATELLITE and condition not in self._spread:
-            self._spread[condition] = least_spread(runs.logs[0], runs.vehicle)
+            self._spread[condition] = BESIDE.submit(least_spread, runs.logs[0], runs.vehicle)
         for seed, (estimates, log) in enumerate(zip(runs.estimates, runs.logs, strict=True)):
             for group in AXLES:
                 place = _place(group)
@@ -190,8 +191,9 @@ class Friction(Group):
 
     def _bound(self, vehicle: str, drives: Sequence[str], key: tuple[str, str], share: float) -> float:
         """What |error|, %, could be in a share of samples; each drive counts as often as it was run."""
-        times = {drive: n for drive, n in Counter(drives).items() if key in self._spread[vehicle, drive]}
-        spreads = [self._spread[vehicle, drive][key] for drive in times]
+        found = {drive: self._spread[vehicle, drive].result() for drive in set(drives)}
+        times = {drive: n for drive, n in Counter(drives).items() if key in found[drive]}
+        spreads = [found[drive][key] for drive in times]
         weight = [np.full(len(v), n) for v, n in zip(spreads, times.values(), strict=True)]
         return quantile(np.concatenate(spreads), share, np.concatenate(weight))
 
