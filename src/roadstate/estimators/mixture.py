@@ -10,6 +10,7 @@ from roadstate.linalg import root
 
 _ROBUST = 16.0  # squared deviations, over σ², from which on a sample counts less
 _FLAT = 1e-4  # curvature of a logarithm from which on a peak has a place between the grid's points
+_ROUNDING = 1e-6  # share of a variance that a difference of two may be wrong by
 _ONSET = 8.0  # squared deviations, over σ², that no lasting error explains
 
 
@@ -76,7 +77,8 @@ def at_once(x: Array, P: Array, rows: Array, innovations: Array, noises: Array) 
         left = innovation - jnp.sum(row * (mean - x), axis=0)
         own = jnp.sum(gain * row, axis=0)
         total = own + noise * (1 + left**2 / (own + noise) / _ROBUST)
-        mean, variance = mean + gain * (left / total), variance - gain * (gain / total)
+        mean = mean + gain * (left / total)
+        variance = jnp.maximum(variance - gain * (gain / total), _ROUNDING * variance)
         taken.append((gain, total))
     return mean, variance
 
