@@ -9,6 +9,7 @@ from fnmatch import fnmatchcase
 from typing import Any
 
 import numpy as np
+from benchmarks.accuracy.ahead import made_ahead
 from benchmarks.accuracy.built import buildable
 from benchmarks.accuracy.scenarios import SCENARIOS, driven
 from numpy.typing import NDArray
@@ -182,9 +183,9 @@ def study(
         tell: called with what is being done.
     """
     found = []
-    for vehicle, seed in itertools.product(vehicles, range(seeds)):
+    wanted = list(itertools.product(vehicles, range(seeds)))
+    for (vehicle, seed), (clean, every) in zip(wanted, made_ahead(cases, wanted), strict=True):
         tell(f"faults: {vehicle}, seed {seed}")
-        clean, every = cases(vehicle, seed)
         car = told(load_vehicle(vehicle), MISMATCHED, seed)
         for _, estimator in buildable(estimators, car, clean.available):
             some = [c for c in every if _reads(estimator, c.sensor)]

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import jax
+from benchmarks.accuracy.ahead import made_ahead
 from benchmarks.accuracy.groups import GROUPS
 from benchmarks.accuracy.groups.base import BUS, NO_PITCH, SATELLITE, SMOOTHED, Group, Runs
 from benchmarks.accuracy.groups.friction import Friction
@@ -111,7 +112,7 @@ def run(
     conditions = [(vehicle, plan) for vehicle in vehicles for plan in plans]
     total = len(conditions)
     gives: dict[str, dict[_Reads, frozenset[str]]] = {vehicle: {} for vehicle in vehicles}
-    work = _driven_ahead([(vehicle, plan.drive, seeds, cache) for vehicle, plan in conditions])
+    work = made_ahead(_driven, [(vehicle, plan.drive, seeds, cache) for vehicle, plan in conditions])
     for i, ((vehicle, plan), recorded) in enumerate(zip(conditions, work, strict=True)):
         tell = _teller(progress, f"{vehicle}: {plan.drive}", i, total)
         if isinstance(recorded, InputError):
@@ -126,24 +127,12 @@ def run(
     return Results([score for group in active for score in group.scores()], list(notes))
 
 
-def _driven_ahead(
-    wanted: Sequence[tuple[str, str, int, Path | None]],
-) -> Iterator[list[tuple[Log, Vehicle]] | InputError]:
-    """The logs of one condition after another; each is driven while the one before it is worked on."""
-
-    def made(arguments: tuple[str, str, int, Path | None]) -> list[tuple[Log, Vehicle]] | InputError:
-        try:
-            return logs(*arguments)
-        except InputError as error:
-            return error
-
-    with ThreadPoolExecutor(1) as driver:
-        ahead = driver.submit(made, wanted[0])
-        for following in (*wanted[1:], None):
-            ready = ahead.result()
-            if following is not None:
-                ahead = driver.submit(made, following)
-            yield ready
+def _driven(*arguments: Any) -> list[tuple[Log, Vehicle]] | InputError:
+    """The logs of a condition, or why there are none."""
+    try:
+        return logs(*arguments)
+    except InputError as error:
+        return error
 
 
 def _plans(active: Sequence[Group], drives: Sequence[str]) -> list[_Plan]:
