@@ -84,8 +84,11 @@ def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.ice_starts", description=__doc__)
     parser.add_argument("--drives", type=int, default=30, help="of each vehicle")
+    given = parser.parse_args()
+    if given.drives < 1:
+        parser.error("--drives: give 1 or more")
     use_compilation_cache()
-    found = study(parser.parse_args().drives)
+    found = study(given.drives)
     print(f"\n{len(next(iter(found.values())))} logs. Speed in m/s, slope in per cent.\n")
     print(_COLUMNS + "\n|" + "---|" * 8)
     for channels, logs in found.items():
