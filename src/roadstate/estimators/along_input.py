@@ -114,12 +114,14 @@ class AlongIntake(eqx.Module):
         usual = (calm | known) & (jnp.abs(u.speed) > _MOVING)
         return self.learner.learn(unrest, info.innovation[rows], stated, usual, dt)
 
-    def falls_short(self, before: Shortfall, info: Info, u: AlongInput, dt: Array) -> Shortfall:
+    def falls_short(
+        self, before: Shortfall, info: Info, u: AlongInput, forces: AxleForces, dt: Array
+    ) -> Shortfall:
         """What traction's innovation says of brakes that no channel tells of; nothing if one does."""
         if not self.watches_brakes:
             return before
         row = self.sensors.index("traction")
-        std = root(jnp.maximum(info.S[row, row] - u.sensor_std[row] ** 2, 0.0))
+        std = root(jnp.maximum(info.S[row, row] - u.sensor_std[row] ** 2, 0.0) + forces.held**2)
         return before.take(info.innovation[row], std, way(u.speed), dt)
 
     def white(self, unrest: Unrest, forces: AxleForces) -> Float[Array, " 3"]:

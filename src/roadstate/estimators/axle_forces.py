@@ -47,6 +47,7 @@ class AxleForces(NamedTuple):
         drive, brake, rolling, lever: as :class:`~roadstate.estimators.along.AlongInput`.
         intensity: of the error of ``explained``, m/s²/√Hz.
         gust: what wind has in it, m/s²/√Hz: no error of what torques tell of the wheels.
+        held: m/s², 1σ of what drive may have changed by since its torque came.
         age: s since the torque came; huge where there is none.
         is_shifting, is_brake_unknown: as :class:`~roadstate.estimators.traction.Traction`.
     """
@@ -71,6 +72,7 @@ class AxleForces(NamedTuple):
     lever: Float[Array, ""]
     intensity: Float[Array, ""]
     gust: Float[Array, ""]
+    held: Float[Array, ""]
     age: Float[Array, ""]
     is_shifting: Bool[Array, ""]
     is_brake_unknown: Bool[Array, ""]

@@ -195,12 +195,11 @@ class ForceMeter(eqx.Module):
     def nothing(self) -> AxleForces:
         """What is known before the first sample."""
         zero, two, four = jnp.zeros(()), jnp.zeros(2), jnp.zeros(4)
-        now, still = Current(two, two, two, zero), jnp.zeros((2, 2))
-        no = jnp.zeros((), bool)
+        now, still, no = Current(two, two, two, zero), jnp.zeros((2, 2)), jnp.zeros((), bool)
         load = self.car.wheel_loads(zero, zero)
         return AxleForces(
             four, two, load, four, four, now, still, two, four + jnp.inf, two + jnp.inf, two,
-            Lean.upright(), zero, zero, zero, zero, zero, zero, zero + 1.0, zero, zero + NEVER, no, no,
+            Lean.upright(), zero, zero, zero, zero, zero, zero, zero + 1.0, zero, zero, zero + NEVER, no, no,
         )  # fmt: skip
 
     def read(
@@ -310,6 +309,7 @@ class ForceMeter(eqx.Module):
             lever=drive.lever / mass,
             intensity=self._intensity(drive, unseen, fresh - torque, speed, gust, accel, scene.sine),
             gust=gust,
+            held=drive.held_std / mass,
             age=drive.age,
             is_shifting=drive.is_shifting,
             is_brake_unknown=unseen.act,
@@ -362,8 +362,8 @@ class ForceMeter(eqx.Module):
         if self._traction is not None and state is not None:
             return self._traction.read(state, sample, speed, dt)
         zero, four, no = jnp.zeros(()), jnp.zeros(4), jnp.zeros((), bool)
-        mass = self.car.mass + jnp.sum(self.car.wheel_inertia) / self.car.wheel_radius[0] ** 2
-        return None, Traction(zero, zero, zero, zero, zero, mass, zero, zero + NEVER, no, no, no, four, four)
+        z, mass = zero, self.car.mass + jnp.sum(self.car.wheel_inertia) / self.car.wheel_radius[0] ** 2
+        return None, Traction(z, z, z, z, z, mass, z, z + NEVER, z, z, no, no, no, four, four)
 
     def _across(
         self, along: Array, accel_y: Array, yaw_accel: Array, cosine: Array, sine: Array, trail: Array
@@ -390,7 +390,7 @@ class ForceMeter(eqx.Module):
     ) -> Array:
         """White error of the specific force that torques tell, m/s²/√Hz."""
         mass, radius = self.car.mass, self.car.wheel_radius[0]
-        white = drive.torque_std / mass * _TORQUE_TIME**0.5
+        white = jnp.hypot(drive.torque_std * _TORQUE_TIME**0.5, drive.held_noise) / mass
         late = jnp.sum(jnp.abs(jump)) / (radius * mass) * (_TORQUE_DELAY / SMOOTHING * _TORQUE_TIME**0.5)
         turning = _TURNING * accel[1] * sine
         lost = jnp.where(drive.is_shifting, UNKNOWN["shift"], 0.0)

@@ -253,7 +253,7 @@ class Joint(Estimator[JointState]):
             is_late = self.watch.lateness(watch, ("accel_x",))[0] > _LAGS
             pitch = self.pitch.judge(pitch, *seems, pull, along.gaussian.mean[SPEED], is_late, dt)
         unrest = self.inputs.learn(state, info, u, forces, dt)
-        shortfall = self.inputs.falls_short(state.shortfall, info, u, dt)
+        shortfall = self.inputs.falls_short(state.shortfall, info, u, forces, dt)
         speed = along.gaussian.mean[SPEED]
         rolling = self.along.rolling(along.gaussian, jnp.maximum(jnp.abs(speed), 1.0))
         gain = u.accel - along.gaussian.mean[SLOPE] - along.gaussian.mean[BIAS]

@@ -12,7 +12,8 @@ from jaxtyping import Array, Bool, Float
 from roadstate.core.channels import WHEELS
 from roadstate.core.errors import InputError
 from roadstate.estimators.base import Sample
-from roadstate.estimators.signals import STANDSTILL_SPEED, Held
+from roadstate.estimators.signals import NEVER, STANDSTILL_SPEED, Held
+from roadstate.linalg import root
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -35,6 +36,11 @@ _BRAKE_SIGN_COASTING = 0.3  # m/s²: the same with the pedal released, when a br
 _COASTING = 0.4  # m/s²: drive below which the pedal counts as released
 _SUDDEN = 0.5  # m/s² missing at one instant with the pedal released: a brake that has just begun
 _PULLS = (0.1, 0.5)  # m/s², s: so much drive for so long and the foot is not on the brake
+# m/s² by which drive changes within a second before its samples tell, and s that they are asked for
+_WANDERS = (0.5, 10.0)
+_GAP_TIME = 5.0  # s for which the longest time between two samples is remembered
+_LONGEST_GAP = 2.0  # s
+_LEAST_STEP = 1e-3  # s
 _DRIVE = tuple(f"drive_torque_{w}" for w in WHEELS)
 
 
@@ -50,6 +56,8 @@ class Traction(NamedTuple):
         inertia: kg, mass of the car with its rotating parts.
         engine: kg·m², the engine's part of it as the wheels feel it.
         age: s since the torque was last seen.
+        held_std: N, 1σ of what the drive's part may have changed by since the torque came, and
+        held_noise: N/√Hz, intensity of that: torques that come rarely tell little of what is between.
         is_shifting: the driveline is open, slipping or changing gear.
         is_braking: a brake channel says that brakes act.
         is_brake_unknown: they act with a force that no channel tells.
@@ -65,6 +73,8 @@ class Traction(NamedTuple):
     inertia: Float[Array, ""]
     engine: Float[Array, ""]
     age: Float[Array, ""]
+    held_std: Float[Array, ""]
+    held_noise: Float[Array, ""]
     is_shifting: Bool[Array, ""]
     is_braking: Bool[Array, ""]
     is_brake_unknown: Bool[Array, ""]
@@ -159,11 +169,23 @@ class BrakeWatch(NamedTuple):
 
 
 class TractionState(NamedTuple):
-    """Held channels, the last ratio and the time since it last changed (s)."""
+    """Held channels, the last ratio and the time since it last changed (s).
+
+    Attributes:
+        held, ratio, since_shift: these.
+        drive: N, the drive's part at the last sample.
+        age: s since the torque was last seen, and
+        gap: the longest of late.
+        changes: N²/s, mean square of the drive's changes.
+    """
 
     held: dict[str, Held]
     ratio: Float[Array, ""]
     since_shift: Float[Array, ""]
+    drive: Float[Array, ""]
+    age: Float[Array, ""]
+    gap: Float[Array, ""]
+    changes: Float[Array, ""]
 
 
 class TractionMeter(eqx.Module):
@@ -249,7 +271,8 @@ class TractionMeter(eqx.Module):
 
     def init(self) -> TractionState:
         """Nothing has come yet."""
-        return TractionState({c: Held.empty() for c in self.channels}, jnp.zeros(()), jnp.zeros(()))
+        zero, held = jnp.zeros(()), {c: Held.empty() for c in self.channels}
+        return TractionState(held, zero, zero, zero, zero + NEVER, zero, (_WANDERS[0] * self._mass) ** 2)
 
     def read(
         self, state: TractionState, sample: Sample, speed: Float[Array, ""], dt: Float[Array, ""]
@@ -279,6 +302,10 @@ class TractionMeter(eqx.Module):
             lever = ratio / self._radius * jnp.where(is_driving, self._efficiency, 1 / self._efficiency)
             drive = engine.value * lever
             each = drive * self._radius * self._split
+        known = (state.age < _LONGEST_GAP) & (age < _LONGEST_GAP)
+        change = jnp.where(known, drive - state.drive, 0.0) ** 2 / jnp.maximum(dt, _LEAST_STEP)
+        changes = state.changes - jnp.expm1(-dt / _WANDERS[1]) * (change - state.changes)
+        gap = jnp.maximum(jnp.where(known, age, 0.0), state.gap * jnp.exp(-dt / _GAP_TIME))
         braking, pressed = self._brakes(held)
         brake = jnp.sum(braking) / self._radius
         engine_inertia = self._engine_inertia * ratio**2
@@ -291,13 +318,15 @@ class TractionMeter(eqx.Module):
             inertia=self._mass + engine_inertia / self._radius**2,
             engine=engine_inertia,
             age=age,
+            held_std=root(changes * gap / 2),  # in the mean over the gap
+            held_noise=root(changes / 3) * gap,  # a sawtooth of a random walk, from zero at each sample
             is_shifting=is_shifting,
             is_braking=pressed | (brake > 0),
             is_brake_unknown=pressed & (not self._measures_brakes),
             drive_torque=each,
             brake_torque=braking,
         )
-        return TractionState(held, ratio, since_shift), traction
+        return TractionState(held, ratio, since_shift, drive, age, gap, changes), traction
 
     def _gear(
         self, state: TractionState, held: dict[str, Held], speed: Float[Array, ""], dt: Float[Array, ""]
