@@ -77,6 +77,11 @@ class AxleForces(NamedTuple):
     is_shifting: Bool[Array, ""]
     is_brake_unknown: Bool[Array, ""]
 
+    @property
+    def over_load(self) -> Float[Array, " 4"]:
+        """F_x of the wheels over their loads, of which none counts for less than a tenth of their mean."""
+        return self.along / jnp.maximum(self.load, 0.1 * jnp.mean(self.load))
+
 
 def steered_cosines(cosine: Float[Array, ""]) -> Float[Array, " 4"]:
     """Cosines of the wheels' angles to the body, of which only the front ones steer."""

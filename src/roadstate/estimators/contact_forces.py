@@ -361,8 +361,8 @@ class ForceMeter(eqx.Module):
     ) -> tuple[TractionState | None, Traction]:
         if self._traction is not None and state is not None:
             return self._traction.read(state, sample, speed, dt)
-        zero, four, no = jnp.zeros(()), jnp.zeros(4), jnp.zeros((), bool)
-        z, mass = zero, self.car.mass + jnp.sum(self.car.wheel_inertia) / self.car.wheel_radius[0] ** 2
+        z, four, no = jnp.zeros(()), jnp.zeros(4), jnp.zeros((), bool)
+        mass = self.car.mass + jnp.sum(self.car.wheel_inertia) / self.car.wheel_radius[0] ** 2
         return None, Traction(z, z, z, z, z, mass, z, z + NEVER, z, z, no, no, no, four, four)
 
     def _across(

@@ -112,6 +112,7 @@ class _Told(NamedTuple):
     """What an axle's F_y/F_z tells under each of J hypotheses.
 
     Attributes:
+        at: the states that it is held against.
         row: its derivative by the states.
         innovation: by what it exceeds its prediction.
         noise: variance of its error.
@@ -119,6 +120,7 @@ class _Told(NamedTuple):
         known: whether it is measured.
     """
 
+    at: Float[Array, "n J"]
     row: Float[Array, "n J"]
     innovation: Float[Array, " J"]
     noise: Float[Array, " J"]
@@ -219,11 +221,9 @@ class FrictionBank(eqx.Module):
         along = once(self.wheels.linear(mixed.y, touch))
         across_evidence: list[Array] = []
         forces: list[_Told] = []
-        before: list[Array] = []
         for axle in range(2):
             force = self._told(x, touch, along, axle)
             forces.append(force)
-            before.append(x)
             x, P, own = learn(x, P, force.row, force.innovation, force.noise, takes[axle])
             likelihood = weigh(force.innovation, own, force.noise, takes[axle], whole[axle])
             across_evidence.append(jnp.where(force.known, likelihood, 0.0))
@@ -240,7 +240,7 @@ class FrictionBank(eqx.Module):
         raised = once(mixed.weight * jnp.exp(evidence - most))
         total = jnp.sum(raised, axis=(0, 2), keepdims=True)
         weight = jnp.maximum(raised / total, _FLOOR)
-        merged = self._merged(x, P, forces, before, jnp.sum(weight[:, 0], axis=0))
+        merged = self._merged(x, P, forces, jnp.sum(weight[:, 0], axis=0))
         return BankState(weight, x, P, y, Y, merged, level), in_default((most + jnp.log(total))[0, 0, 0])
 
     def _told(self, x: Array, touch: Touch, along: Array, axle: int) -> _Told:
@@ -269,7 +269,9 @@ class FrictionBank(eqx.Module):
         known = jnp.isfinite(noise) & (jnp.abs(touch.speed) > SLOWEST)
         misread = (x[BIAS_Y] + x[LEVER] * touch.yaw_accel) / GRAVITY
         innovation = jnp.where(known, measured - here.across - misread, 0.0)
-        return _Told(jnp.stack(rows), innovation, jnp.where(known, noise, 1e12), linear - here.across, known)
+        return _Told(
+            x, jnp.stack(rows), innovation, jnp.where(known, noise, 1e12), linear - here.across, known
+        )
 
     def _of_jumps(self, jumps: slip_jump.Told) -> Float[Array, "3 7 J"]:
         """What the wheels' jumps tell each part. A road that has begun under several wheels has not reached
@@ -329,9 +331,7 @@ class FrictionBank(eqx.Module):
         """Mean (n,) and 1σ (n,) of :data:`STATES` over all hypotheses, with what the latest forces tell."""
         return in_default(state.merged)
 
-    def _merged(
-        self, x: Array, P: Array, told: Sequence[_Told], before: Sequence[Array], weight: Array
-    ) -> tuple[Array, Array]:
+    def _merged(self, x: Array, P: Array, told: Sequence[_Told], weight: Array) -> tuple[Array, Array]:
         """As :meth:`merged`.
 
         An error of a force lasts, and as the filter has it no sample counts for more than its share of the
@@ -341,13 +341,10 @@ class FrictionBank(eqx.Module):
         Args:
             x, P: after the latest forces.
             told: by the forces of the axles.
-            before: (n, J) of each, what it was held against.
             weight: (J,) of the hypotheses.
         """
         rows = jnp.stack([t.row for t in told])
-        left = [
-            t.innovation - jnp.sum(t.row * (x - then), axis=0) for t, then in zip(told, before, strict=True)
-        ]
+        left = [t.innovation - jnp.sum(t.row * (x - t.at), axis=0) for t in told]
         noises = jnp.stack([t.noise + (_BEND * t.bend) ** 2 for t in told])
         return moments(*at_once(x, P, *once((rows, jnp.stack(left), noises))), weight)
 

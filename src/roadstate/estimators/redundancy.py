@@ -142,14 +142,13 @@ class Redundancy(eqx.Module):
         braking = jnp.maximum(jnp.abs(forces.brake), -felt)
         return jnp.where(self.driven, jnp.maximum(jnp.abs(forces.drive), felt), 0.0) + braking
 
-    def _away(self, seen: Signals, speed: Array) -> tuple[Array, Array]:
-        """(4,) by what each wheel differs from the car's speed, m/s; and by what it may, to be a witness."""
-        return jnp.abs(self.radius * seen.smooth[SPIN] - speed), _HOLDS[0] + _HOLDS[1] * jnp.abs(speed)
+    def _ahead(self, seen: Signals, speed: Array) -> tuple[Array, Array]:
+        """(4,) what each wheel exceeds the car's speed by, m/s; and what it may, to be a witness."""
+        return self.radius * seen.smooth[SPIN] - speed, _HOLDS[0] + _HOLDS[1] * jnp.abs(speed)
 
     def _used(self, forces: AxleForces, effort: Array) -> Array:
         """(4,) what drive and brakes ask of each wheel, over its load."""
-        load = jnp.maximum(forces.load, 0.1 * jnp.mean(forces.load))
-        return jnp.maximum(jnp.abs(forces.along) / load, effort / GRAVITY)
+        return jnp.maximum(jnp.abs(forces.over_load), effort / GRAVITY)
 
     def excused(
         self,
@@ -167,11 +166,10 @@ class Redundancy(eqx.Module):
             seen, forces, effort, speed: as in :meth:`tell`.
             dt: s.
         """
-        away, most = self._away(seen, speed)
-        ahead = jnp.sign(self.radius * seen.smooth[SPIN] - speed)
-        sustained = forces.along * ahead > _SUSTAINS * jnp.maximum(forces.load, 0.1 * jnp.mean(forces.load))
-        driven = sustained | (self._used(forces, effort) > _HELD)
-        return jnp.where(away < 0.5 * most, 0.0, jnp.where(driven, _RETURNS, jnp.maximum(before - dt, 0.0)))
+        ahead, most = self._ahead(seen, speed)
+        driven = (forces.over_load * jnp.sign(ahead) > _SUSTAINS) | (self._used(forces, effort) > _HELD)
+        left = jnp.where(driven, _RETURNS, jnp.maximum(before - dt, 0.0))
+        return jnp.where(jnp.abs(ahead) < 0.5 * most, 0.0, left)
 
     def tell(
         self,
@@ -201,7 +199,8 @@ class Redundancy(eqx.Module):
         cosine = jnp.cos(angle)
         used = self._used(forces, effort)
         slip = jnp.minimum(used / self.slip_stiffness, 1.0)
-        away, most = self._away(seen, speed)
+        ahead, most = self._ahead(seen, speed)
+        away = jnp.abs(ahead)
         rolls = has_spin & (away < _ROLLS[0] + _ROLLS[1] * jnp.abs(speed))
         if self.has_wheels:
             wheels, apart, count = inner_mean(self.radius * seen.rate[SPIN], rolls)

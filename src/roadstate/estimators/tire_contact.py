@@ -170,7 +170,7 @@ class TireContact(eqx.Module):
         racing = jnp.maximum(outruns, state.racing * jnp.exp(-dt / _RACING[2]))
         slowest = jnp.min(jnp.where(told, rim, jnp.inf))
         fastest = jnp.max(jnp.where(told, rim, -jnp.inf))
-        bears = forces.along / jnp.maximum(forces.load, 0.1 * jnp.mean(forces.load))
+        bears = forces.over_load
         is_proven = agreement.is_proven(state.proof)
         known = (spread < ANY) & several & (jnp.max(jnp.where(told, since, 0.0)) < STALE)
         before = jnp.where(known & ~is_proven, state.rolling + accel * dt, jnp.nan)

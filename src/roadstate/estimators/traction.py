@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float
 from roadstate.core.channels import WHEELS
 from roadstate.core.errors import InputError
 from roadstate.estimators.base import Sample
-from roadstate.estimators.signals import NEVER, STANDSTILL_SPEED, Held
+from roadstate.estimators.signals import STANDSTILL_SPEED, Held
 from roadstate.linalg import root
 
 if TYPE_CHECKING:
@@ -174,8 +174,7 @@ class TractionState(NamedTuple):
     Attributes:
         held, ratio, since_shift: these.
         drive: N, the drive's part at the last sample.
-        age: s since the torque was last seen, and
-        gap: the longest of late.
+        gap: s, the longest of late without a torque.
         changes: N²/s, mean square of the drive's changes.
     """
 
@@ -183,7 +182,6 @@ class TractionState(NamedTuple):
     ratio: Float[Array, ""]
     since_shift: Float[Array, ""]
     drive: Float[Array, ""]
-    age: Float[Array, ""]
     gap: Float[Array, ""]
     changes: Float[Array, ""]
 
@@ -272,7 +270,7 @@ class TractionMeter(eqx.Module):
     def init(self) -> TractionState:
         """Nothing has come yet."""
         zero, held = jnp.zeros(()), {c: Held.empty() for c in self.channels}
-        return TractionState(held, zero, zero, zero, zero + NEVER, zero, (_WANDERS[0] * self._mass) ** 2)
+        return TractionState(held, zero, zero, zero, zero, (_WANDERS[0] * self._mass) ** 2)
 
     def read(
         self, state: TractionState, sample: Sample, speed: Float[Array, ""], dt: Float[Array, ""]
@@ -291,18 +289,17 @@ class TractionMeter(eqx.Module):
             zero = jnp.zeros(())
             each = jnp.stack([held[w].value if w in held else zero for w in _DRIVE])
             torque = jnp.sum(each)
-            age = jnp.max(jnp.stack([held[w].age for w in self._wheels]))
             drive, lever = torque / self._radius, 1 / self._radius
         else:
             engine = held["engine_torque"]
-            age = engine.age
             # power decides, and with it the engine's direction; at standstill it turns as it will drive
             turning = ratio * jnp.where(jnp.abs(speed) > STANDSTILL_SPEED, speed, ratio)
             is_driving = engine.value * turning > 0
             lever = ratio / self._radius * jnp.where(is_driving, self._efficiency, 1 / self._efficiency)
             drive = engine.value * lever
             each = drive * self._radius * self._split
-        known = (state.age < _LONGEST_GAP) & (age < _LONGEST_GAP)
+        age = self._age(held)
+        known = (self._age(state.held) < _LONGEST_GAP) & (age < _LONGEST_GAP)
         change = jnp.where(known, drive - state.drive, 0.0) ** 2 / jnp.maximum(dt, _LEAST_STEP)
         changes = state.changes - jnp.expm1(-dt / _WANDERS[1]) * (change - state.changes)
         gap = jnp.maximum(jnp.where(known, age, 0.0), state.gap * jnp.exp(-dt / _GAP_TIME))
@@ -326,7 +323,12 @@ class TractionMeter(eqx.Module):
             drive_torque=each,
             brake_torque=braking,
         )
-        return TractionState(held, ratio, since_shift, drive, age, gap, changes), traction
+        return TractionState(held, ratio, since_shift, drive, gap, changes), traction
+
+    def _age(self, held: dict[str, Held]) -> Float[Array, ""]:
+        """s since the torque came, of wheels the one that is silent for longest."""
+        names = self._wheels if self.source == "wheels" else ("engine_torque",)
+        return jnp.max(jnp.stack([held[name].age for name in names]))
 
     def _gear(
         self, state: TractionState, held: dict[str, Held], speed: Float[Array, ""], dt: Float[Array, ""]
