@@ -104,6 +104,37 @@ class TestBank:
                 state = step(state, here)
         return state
 
+    @pytest.mark.parametrize("direction", [1.0, -1.0])
+    def test_who_looks_first_in_the_midst_of_a_bend_knows_no_limit(
+        self, vehicle: Vehicle, direction: float
+    ) -> None:
+        """A force that was there from the first sample on has not grown up to where it stays."""
+        bank, force, speed, turn = FrictionBank(vehicle), 0.3, 8.0, 0.3 * GRAVITY / 8.0
+        slides = force / np.asarray(bank.motion.stiffness)
+        sideways = -bank.motion.arm[1] * turn - direction * speed * slides[1]
+        gives = np.asarray(bank.motion.give) * force
+        bend = touch()._replace(
+            speed=jnp.asarray(direction * speed),
+            yaw_rate=jnp.asarray(direction * turn),
+            accel_y=jnp.asarray(force * GRAVITY),
+            across=jnp.full(2, force),
+            angle=jnp.asarray(slides + gives + direction * float(sideways) / speed),
+        )
+        state = self.driven(bank, (3.0, bend))
+        low, high = np.asarray(bank.quantiles(state, (0.05, 0.95)))[:, 0]
+        assert low > 0.95 * force
+        assert high > 0.9
+
+    def test_what_nothing_tells_is_no_change(self, vehicle: Vehicle) -> None:
+        """F_y begins where it is first known; a wheel that falls silent comes back as it was."""
+        bank, here = FrictionBank(vehicle), touch(0.2, 0.01)._replace(across=jnp.full(2, 0.3))
+        blind = here._replace(across_std=jnp.full(2, jnp.inf), along_std=jnp.full(4, jnp.inf))
+        blind = blind._replace(across=jnp.zeros(2), along=jnp.zeros(4), slip=jnp.zeros(4))
+        np.testing.assert_array_equal(self.driven(bank, (0.1, blind)).level, bank.init().level)
+        first = self.driven(bank, (0.1, blind), (0.01, here)).level
+        np.testing.assert_allclose(first[:2], 0.3, rtol=1e-6)
+        np.testing.assert_array_equal(self.driven(bank, (0.01, here), (0.1, blind)).level, first)
+
     def after(self, bank: FrictionBank, seconds: float, along: float, slip: float) -> np.ndarray:
         state = self.driven(bank, (seconds, touch(along, slip)))
         return np.asarray(bank.quantiles(state, (0.05, 0.5, 0.95)))[:, 0]

@@ -35,10 +35,10 @@ def touch(slip: Array, force: Array, shared: float = 0.02) -> Touch:
 
 def gains(before: list[float], after: list[float], force: float = FORCE, then: float = FORCE) -> Array:
     """:func:`jumps` from one set of slips (beyond the force's) to the next."""
-    stiffness, unknown = jnp.asarray(STIFFNESS), jnp.full(4, slip_jump.NOTHING)
-    known = slip_jump.unexplained(touch(_slips(before, force), np.full(4, force)), stiffness, unknown)
+    stiffness = jnp.asarray(STIFFNESS)
+    known = slip_jump.unexplained(touch(_slips(before, force), np.full(4, force)), stiffness)
     new = touch(_slips(after, then), np.full(4, then))
-    return slip_jump.jumps(slip_jump.unexplained(new, stiffness, known), known, new)
+    return slip_jump.jumps(slip_jump.unexplained(new, stiffness), known, new)
 
 
 def _slips(beyond: list[float], force: float) -> Array:
@@ -75,15 +75,6 @@ def test_what_no_road_does_is_no_jump(
     before: list[float], after: list[float], force: float, then: float
 ) -> None:
     assert float(gains(before, after, force, then).max()) < 0.0021
-
-
-def test_a_wheel_that_falls_silent_and_comes_back_has_not_jumped() -> None:
-    memory, here = jnp.zeros(4), touch(_slips([0.0] * 4, FORCE), np.full(4, FORCE))
-    silent = here._replace(slip=here.slip.at[0].set(0.0), along_std=here.along_std.at[0].set(jnp.inf))
-    kept = slip_jump.unexplained(silent, jnp.asarray(STIFFNESS), memory)
-    assert float(kept[0]) == float(memory[0])
-    back = slip_jump.unexplained(here, jnp.asarray(STIFFNESS), kept)
-    np.testing.assert_allclose(slip_jump.jumps(back, kept, here), 0.0, atol=1e-12)
 
 
 def told(

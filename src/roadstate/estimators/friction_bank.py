@@ -96,7 +96,8 @@ class BankState(NamedTuple):
         Y: (4, m, m, J) its covariance.
         merged: mean (n,) and 1σ (n,) of all hypotheses together, see :meth:`FrictionBank.merged`.
         level: (14,) F_y/F_z of the axles, F_x/F_z of the wheels, what it were if it stayed linear, and what
-            the wheels slip beyond their force, slowed.
+            the wheels slip beyond their force, slowed; :data:`~roadstate.estimators.slip_jump.NOTHING` of an
+            F_y or slip that was never told: what is there from the first sample on has not grown.
     """
 
     weight: Float[Array, "3 7 J"]
@@ -183,7 +184,7 @@ class FrictionBank(eqx.Module):
             self.motion.first[:, :, None] * ones,
             *self.wheels.init(_COUNT),
             (jnp.zeros(SIZE), root(jnp.diagonal(self.motion.first))),
-            jnp.concatenate([jnp.zeros(10), jnp.full(4, slip_jump.NOTHING)]),
+            jnp.full(14, slip_jump.NOTHING).at[2:10].set(0.0),
         )
         return in_single(state)
 
@@ -194,12 +195,14 @@ class FrictionBank(eqx.Module):
         touch, dt = in_single((touch, dt))
         # models err by where on the curve a tire works, so a sample counts anew as that changes
         linear = self.wheels.slip_stiffness * theoretical_slip(touch.slip)
-        slips = slip_jump.unexplained(touch, self.wheels.slip_stiffness, state.level[10:])
+        slips = slip_jump.unexplained(touch, self.wheels.slip_stiffness)
         told = jnp.concatenate([touch.across, touch.along, jnp.clip(linear, -1.0, 1.0), slips])
+        tells = jnp.isfinite(jnp.concatenate([touch.across_std, *[touch.along_std] * 3]))
+        told = jnp.where(tells, told, state.level)
         memory = jnp.where(state.level < slip_jump.NOTHING, state.level, told)
         change = told - memory
         level = memory - jnp.expm1(-dt / slip_jump.MEMORY) * change
-        gained = slip_jump.jumps(slips, memory[10:], touch)
+        gained = slip_jump.jumps(told[10:], memory[10:], touch)
         grown = jnp.abs(told[2:6]) - jnp.abs(memory[2:6])
         jump = slip_jump.Jump(gained, grown, memory[10:])
         change = jnp.abs(change)

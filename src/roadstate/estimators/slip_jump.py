@@ -85,16 +85,14 @@ class Told(NamedTuple):
     tells: Bool[Array, " 4"]
 
 
-def unexplained(touch: Touch, stiffness: Float[Array, ""], memory: Float[Array, " 4"]) -> Float[Array, " 4"]:
+def unexplained(touch: Touch, stiffness: Float[Array, ""]) -> Float[Array, " 4"]:
     """What each wheel slips beyond what its force would make it if the tire were linear.
 
     Args:
         touch: of the tires on the road.
         stiffness: C_κ/F_z.
-        memory: of the same, for a wheel whose slip or force nothing tells.
     """
-    beyond = theoretical_slip(touch.slip) - touch.along / stiffness
-    return jnp.where(jnp.isfinite(touch.along_std), beyond, memory)
+    return theoretical_slip(touch.slip) - touch.along / stiffness
 
 
 def jumps(now: Float[Array, " 4"], memory: Float[Array, " 4"], touch: Touch) -> Float[Array, " 4"]:
