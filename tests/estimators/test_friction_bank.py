@@ -130,10 +130,12 @@ class TestBank:
         bank, here = FrictionBank(vehicle), touch(0.2, 0.01)._replace(across=jnp.full(2, 0.3))
         blind = here._replace(across_std=jnp.full(2, jnp.inf), along_std=jnp.full(4, jnp.inf))
         blind = blind._replace(across=jnp.zeros(2), along=jnp.zeros(4), slip=jnp.zeros(4))
-        np.testing.assert_array_equal(self.driven(bank, (0.1, blind)).level, bank.init().level)
-        first = self.driven(bank, (0.1, blind), (0.01, here)).level
-        np.testing.assert_allclose(first[:2], 0.3, rtol=1e-6)
-        np.testing.assert_array_equal(self.driven(bank, (0.01, here), (0.1, blind)).level, first)
+        nothing = self.driven(bank, (0.1, blind))
+        np.testing.assert_array_equal(nothing.level, bank.init().level)
+        assert float(bank.cornering(nothing)) == 0.0
+        first = self.driven(bank, (0.1, blind), (0.01, here))
+        assert float(bank.cornering(first)) == pytest.approx(0.3, rel=1e-6)
+        np.testing.assert_array_equal(self.driven(bank, (0.01, here), (0.1, blind)).level, first.level)
 
     def after(self, bank: FrictionBank, seconds: float, along: float, slip: float) -> np.ndarray:
         state = self.driven(bank, (seconds, touch(along, slip)))

@@ -351,6 +351,11 @@ class FrictionBank(eqx.Module):
         noises = jnp.stack([t.noise + (_BEND * t.bend) ** 2 for t in told])
         return moments(*at_once(x, P, *once((rows, jnp.stack(left), noises))), weight)
 
+    def cornering(self, state: BankState) -> Array:
+        """Mean of |F_y/F_z| of the axles, slowed; 0 where nothing tells of it."""
+        across = jnp.abs(state.level[:2])
+        return in_default(jnp.mean(jnp.where(across < slip_jump.NOTHING, across, 0.0)))
+
     def quantiles(self, state: BankState, levels: tuple[float, ...]) -> Float[Array, "q 5"]:
         """Quantiles of μ in each of :data:`VIEWS`, linear in ln μ between the grid's points."""
         p = self._weights(state)

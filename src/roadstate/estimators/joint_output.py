@@ -56,7 +56,7 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
     grade = jnp.arcsin(sine)
     side, side_std = joint.bank.merged(state.bank)
     # in a long bend v_y r looks like a slope, and the lateral forces say how sharp the bend is
-    sharp = jnp.mean(jnp.abs(state.bank.level[:2])) / jnp.maximum(jnp.abs(mean[SPEED]), SLOWEST)
+    sharp = joint.bank.cornering(state.bank) / jnp.maximum(jnp.abs(mean[SPEED]), SLOWEST)
     sway = sharp * side_std[V_Y]
     tell("grade", grade, jnp.hypot(std[SLOPE] / GRAVITY, sway) / jnp.cos(grade))
     tell("speed", mean[SPEED], jnp.hypot(std[SPEED], joint.speed_scale * mean[SPEED]))
