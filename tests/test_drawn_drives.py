@@ -8,7 +8,8 @@ from benchmarks.accuracy.run import without
 from benchmarks.accuracy.scenarios import SATELLITE
 from benchmarks.drawn import drives
 from benchmarks.drawn.__main__ import Row, cells, rows
-from benchmarks.ice_starts import cuts
+from benchmarks.starts import STARTS, cuts
+from benchmarks.starts import rows as start_rows
 
 from roadstate.core import WHEELS, Estimates, Log
 from roadstate.core.constants import GRAVITY
@@ -20,11 +21,11 @@ from roadstate.vehicles import load_vehicle
 def test_what_is_drawn() -> None:
     """Same seed, same drive; of many, grade and friction as the module says."""
     car = load_vehicle("family-car")
-    one, same, other = (drives._manoeuvre(np.random.default_rng(s), car) for s in (1, 1, 2))
+    one, same, other = (drives._manoeuvre(np.random.default_rng(s), drives.MIXED, car) for s in (1, 1, 2))
     np.testing.assert_array_equal(one.script.table, same.script.table)
     assert one.speed == same.speed != other.speed
     assert one.duration == pytest.approx(drives._SETTLES + drives.SECONDS)
-    many = [drives._manoeuvre(np.random.default_rng(s), car) for s in range(40)]
+    many = [drives._manoeuvre(np.random.default_rng(s), drives.MIXED, car) for s in range(40)]
     places = np.arange(50.0, 1500.0, 50.0)
     points = [m.road.at(places, np.zeros_like(places)) for m in many]
     friction = np.concatenate([np.asarray(p.friction) for p in points])
@@ -38,6 +39,13 @@ def test_what_is_drawn() -> None:
         [m.speed**2 * np.abs(np.asarray(p.curvature)).max() for m, p in zip(many, points, strict=True)]
     )
     assert turning.max() < 0.7 * 1.05 * GRAVITY
+    # a winding road asks for more, and of a friction that stays
+    winding = [drives._manoeuvre(np.random.default_rng(s), drives.WINDING, car) for s in range(40)]
+    points = [m.road.at(places, np.zeros_like(places)) for m in winding]
+    for road in points:
+        assert np.ptp(np.asarray(road.friction)) == 0
+    curvatures = np.array([np.abs(np.asarray(p.curvature)).max() for p in points])
+    assert np.median([m.speed**2 for m in winding] * curvatures) > 2 * np.median(turning)
 
 
 def test_what_is_counted() -> None:
@@ -91,10 +99,33 @@ def test_logs_are_cut_where_a_wheel_slips_on_the_move() -> None:
     slips = np.where((time < 6) | (time > 35), -0.3, 0.0)
     channels = {f"ref_slip_{w}": 0.01 * np.ones_like(time) for w in WHEELS}
     log = Log(time, {**channels, "ref_slip_rl": slips, "ref_velocity_x": speed})
-    parts = list(cuts(log, np.random.default_rng(0)))
+    slip = STARTS[0]
+    parts = list(cuts(log, slip.begins(log), np.random.default_rng(0)))
     assert parts
     for part in parts:
         assert 5 <= part.time[0] < 6  # not in the last ten seconds, either
         assert part.time[-1] - part.time[0] == pytest.approx(10, abs=0.02)
         assert part["ref_velocity_x"][0] == 10
-    assert not list(cuts(log.with_channels({"ref_slip_rl": 0 * slips}), np.random.default_rng(0)))
+    smooth = log.with_channels({"ref_slip_rl": 0 * slips})
+    assert not list(cuts(smooth, slip.begins(smooth), np.random.default_rng(0)))
+
+
+def test_what_is_counted_of_a_log_that_begins_in_a_bend() -> None:
+    time = np.arange(0, 10, 0.01)
+    truth = {f"ref_friction_{w}": np.full_like(time, 0.8) for w in WHEELS}
+    log = Log(time, {**truth, "ref_velocity_y": 0 * time, "accel_y": np.where(time < 5, -3.0, 1.0)})
+    begins = STARTS[1].begins(log)
+    np.testing.assert_array_equal(begins, time < 5)
+    values = {
+        "friction_peak": np.where(time < 2, 0.4, 0.8),
+        "friction_peak_lower": np.full_like(time, 0.3),
+        "friction_peak_upper": np.where(time < 0.5, 0.5, 1.0),
+        "velocity_y": np.where(time < 5, 0.1, 0.0),
+    }
+    std = {"velocity_y": np.full_like(time, 0.04), "friction_peak": np.full_like(time, 0.2)}
+    said = Estimates(time, values, std, np.zeros(len(time), np.int8))
+    friction, sideways = np.swapaxes(start_rows(said, log, STARTS[1]), 0, 1)
+    np.testing.assert_allclose(friction[:, 0], np.array([1, 1, 0, 0]) * np.log(2) ** 2)
+    np.testing.assert_allclose(friction[:, 1], [0, 1, 1, 1])
+    np.testing.assert_allclose(sideways[:, 0], [0.01, 0.01, 0.01, 0])
+    np.testing.assert_allclose(sideways[:, 1], [0, 0, 0, 1])

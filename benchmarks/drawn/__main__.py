@@ -22,7 +22,7 @@ from benchmarks.accuracy.measures import interval
 from benchmarks.accuracy.progress import shown
 from benchmarks.accuracy.run import without
 from benchmarks.accuracy.scenarios import SATELLITE, VEHICLES
-from benchmarks.drawn.drives import SECONDS, drawn
+from benchmarks.drawn.drives import MIXED, SECONDS, Roads, drawn
 from benchmarks.real_logs import moving_mean
 from numpy.typing import NDArray
 
@@ -121,10 +121,10 @@ def cells(of_drives: list[Row]) -> list[str]:
     return [f"{n:.3g}" for n in numbers] + [f"{s:.1f} %" for s in shares]
 
 
-def recorded(vehicle: str, count: int) -> Iterator[tuple[Log, Vehicle]]:
+def recorded(vehicle: str, count: int, roads: Roads = MIXED) -> Iterator[tuple[Log, Vehicle]]:
     """Drives of one vehicle, each with the file told."""
     car, first = load_vehicle(vehicle), _APART * (1 + VEHICLES.index(vehicle))
-    return (drawn(car, first + i) for i in range(count))
+    return (drawn(car, first + i, roads) for i in range(count))
 
 
 def study(count: int) -> Study:

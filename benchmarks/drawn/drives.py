@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -40,26 +41,49 @@ _DRY, _ANY = (0.75, 1.05), (0.1, 0.75)  # friction of dry roads, and of others
 _PIECE, _PIECES = 400.0, 12  # m of a road of one friction, on average; and how many there are
 _CLASSES = ("A", "A", "B", "B", "B", "C")
 _SHARPEST = 30.0  # m of radius
-_SIDEWAYS = (0.1, 0.7)  # share of the least friction that bends ask for at the highest speed
 _ALONG = (0.1, 0.95)  # share of the usual friction that speeding up and braking ask for
 _SPEED = (8.0, 28.0)  # m/s
-_STOPS = 0.12  # of the speeds aimed at, how many are none
 _TRIES = 20
 
 
-def drawn(vehicle: Vehicle, seed: int) -> tuple[Log, Vehicle]:
+class Roads(NamedTuple):
+    """What roads of a kind, and those who drive on them, have in common.
+
+    Attributes:
+        is_patchy: whether friction changes along the road.
+        sideways: share of the least friction that bends ask for at the highest speed.
+        slowest: least of the speeds aimed at, as a share of the highest.
+        stops: how many of them are none.
+        along: of the rates of :data:`_ALONG`.
+    """
+
+    is_patchy: bool
+    sideways: tuple[float, float]
+    slowest: float
+    stops: float
+    along: float
+
+
+MIXED = Roads(is_patchy=True, sideways=(0.1, 0.7), slowest=0.25, stops=0.12, along=1.0)
+"""A bit of everything: bends are gentle, as the most slippery piece allows."""
+WINDING = Roads(is_patchy=False, sideways=(0.4, 0.9), slowest=0.55, stops=0.0, along=0.5)
+"""Mostly bends, and a driver who hardly brakes for them."""
+
+
+def drawn(vehicle: Vehicle, seed: int, roads: Roads = MIXED) -> tuple[Log, Vehicle]:
     """A recording on the multibody plant, and the vehicle file that an estimator is told.
 
     Args:
         vehicle: that is driven.
         seed: same seed, same drive.
+        roads: of which kind.
 
     Raises:
         InputError: none of several drives can be driven.
     """
     for attempt in range(_TRIES):
         rng = np.random.default_rng([seed, attempt])
-        scenario = Scenario("drawn", "a drive drawn at random", partial(_manoeuvre, rng))
+        scenario = Scenario("drawn", "a drive drawn at random", partial(_manoeuvre, rng, roads))
         try:
             truth = truth_table(driven(vehicle, scenario))
         except InputError:  # it leaves the road
@@ -69,14 +93,16 @@ def drawn(vehicle: Vehicle, seed: int) -> tuple[Log, Vehicle]:
     raise InputError(f"seed {seed} gives no drive that can be driven")
 
 
-def _manoeuvre(rng: np.random.Generator, vehicle: Vehicle) -> Manoeuvre:
+def _manoeuvre(rng: np.random.Generator, roads: Roads, vehicle: Vehicle) -> Manoeuvre:
     frictions, edges = _frictions(rng)
+    if not roads.is_patchy:
+        frictions, edges = frictions[:1], []
     least = min(f for f, begin in zip(frictions, (0.0, *edges), strict=True) if begin < _LENGTH)
     fastest = rng.uniform(*_SPEED)
-    sharpest = fastest**2 / (rng.uniform(*_SIDEWAYS) * least * GRAVITY)
-    along = rng.uniform(*_ALONG) * float(np.median(frictions)) * GRAVITY
+    sharpest = fastest**2 / (rng.uniform(*roads.sideways) * least * GRAVITY)
+    along = roads.along * rng.uniform(*_ALONG) * float(np.median(frictions)) * GRAVITY
     road = _road(rng, max(sharpest, _SHARPEST), joint(edges, frictions))
-    plan = _plan(rng, fastest, along)
+    plan = _plan(rng, roads, fastest, along)
     return Manoeuvre("drawn", "drawn at random", road, plan.speed[0], Script.write(plan), straight())
 
 
@@ -128,12 +154,12 @@ def _along(rng: np.random.Generator, std: float, length: float, count: int) -> A
     return out
 
 
-def _plan(rng: np.random.Generator, fastest: float, along: float) -> SpeedPlan:
+def _plan(rng: np.random.Generator, roads: Roads, fastest: float, along: float) -> SpeedPlan:
     """Speeding up, holding and braking, now and then to a stop."""
     end = _SETTLES + SECONDS
-    time, speed = [0.0, 1.0], [fastest * rng.uniform(0.3, 1.0)] * 2
+    time, speed = [0.0, 1.0], [fastest * rng.uniform(1.2 * roads.slowest, 1.0)] * 2
     while time[-1] < end:
-        target = 0.0 if rng.random() < _STOPS else fastest * rng.uniform(0.25, 1.0)
+        target = 0.0 if rng.random() < roads.stops else fastest * rng.uniform(roads.slowest, 1.0)
         rate = along * rng.uniform(0.2, 1.0)
         for seconds in (max(abs(target - speed[-1]) / rate, 0.3), rng.uniform(0.5, 6.0)):
             time.append(time[-1] + seconds)
