@@ -125,6 +125,21 @@ class TestBank:
         assert low > 0.95 * force
         assert high > 0.9
 
+    def test_a_car_that_leans_on_a_rough_road_does_not_slide(self, vehicle: Vehicle) -> None:
+        """At a crawl v_y that no bank explains is a large slip angle; on smooth roads only ice lets it be."""
+        bank, time = FrictionBank(vehicle), np.arange(0, 4, 0.01)
+        sways, bears = 0.03 * np.sin(7 * time), 0.03 * np.sin(5 * time)
+        high = []
+        for shaken in (0.0, 0.022):
+            rough = touch()._replace(speed=jnp.asarray(4.7), shaken=jnp.full(2, shaken))
+            path = [
+                (0.01, rough._replace(angle=jnp.full(2, a), across=jnp.full(2, f), accel_y=jnp.asarray(f)))
+                for a, f in zip(sways, bears, strict=True)
+            ]
+            high.append(float(bank.quantiles(self.driven(bank, *path), (0.95,))[0, 0]))
+        assert high[0] < 0.2
+        assert high[1] > 0.8
+
     def test_what_nothing_tells_is_no_change(self, vehicle: Vehicle) -> None:
         """F_y begins where it is first known; a wheel that falls silent comes back as it was."""
         bank, here = FrictionBank(vehicle), touch(0.2, 0.01)._replace(across=jnp.full(2, 0.3))
