@@ -57,6 +57,10 @@ def _forget_programs() -> Iterator[None]:
         give_back()
 
 
+# all tests have the same one: what one has traced and compiled the next need not
+OPTIMISED = numerics.jit_loop(scan_steps)
+
+
 @pytest.fixture
 def optimised(monkeypatch: pytest.MonkeyPatch) -> None:
     """The loops of scans and of likelihoods as users have them, which takes three times as long to compile.
@@ -64,8 +68,8 @@ def optimised(monkeypatch: pytest.MonkeyPatch) -> None:
     For tests that go through some ten thousand steps, each of which is up to ten times as fast.
     """
     monkeypatch.setitem(numerics.LOOP_OPTIONS, "xla_backend_optimization_level", 1)
-    monkeypatch.setattr(import_module("roadstate.run.scan"), "_scan_chunk", numerics.jit_loop(scan_steps))
-    monkeypatch.setattr(likelihood, "_compiled", numerics.jit_loop(scan_steps))
+    monkeypatch.setattr(import_module("roadstate.run.scan"), "_scan_chunk", OPTIMISED)
+    monkeypatch.setattr(likelihood, "_compiled", OPTIMISED)
 
 
 def give_back() -> None:

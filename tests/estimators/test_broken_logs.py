@@ -13,6 +13,8 @@ from roadstate.estimators import Estimator, build
 from roadstate.run import scan
 from roadstate.vehicles import Vehicle
 
+pytestmark = pytest.mark.usefixtures("optimised")
+
 Array = NDArray[np.float64]
 SPEED = 12 + 3 * np.sin(np.arange(0, 50, 0.01) / 4)
 GRADE = 0.04 * np.sin(np.arange(0, 50, 0.01) / 9)

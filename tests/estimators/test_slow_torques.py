@@ -16,6 +16,8 @@ from roadstate.estimators.traction import TractionMeter, TractionState
 from roadstate.run import scan
 from roadstate.vehicles import Vehicle
 
+pytestmark = pytest.mark.usefixtures("optimised")
+
 Array = NDArray[np.float64]
 RATE = 100.0
 TIME = np.arange(12000) / RATE
