@@ -33,6 +33,9 @@ _LEAST_FORCE = 10.0  # N by which an axle without torque shares in what torques 
 # 1σ of these over g, as a share of what a rough road shakes the accelerometers by: tires bear more and less
 # as they bounce, and the body passes on only a part of it
 _SHAKEN = (0.7, 1.8)
+# rad √(m/s)/(m/s²): 1σ of the mean slope over a second by unevenness, whose slopes are white along the road
+# (ISO 8608), times the root of the speed, over what it shakes the accelerometers by both ways
+_UNEVEN = 0.084
 _PARKED = 0.06  # of the load: with what brakes hold the axles of a car that stands against each other
 
 
@@ -58,7 +61,9 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
     # in a long bend v_y r looks like a slope, and the lateral forces say how sharp the bend is
     sharp = joint.bank.cornering(state.bank) / jnp.maximum(jnp.abs(mean[SPEED]), SLOWEST)
     sway = sharp * side_std[V_Y]
-    tell("grade", grade, jnp.hypot(std[SLOPE] / GRAVITY, sway) / jnp.cos(grade))
+    uneven = _UNEVEN * jnp.min(forces.shaken) / root(jnp.maximum(jnp.abs(mean[SPEED]), 1.0))
+    unsure = root((std[SLOPE] / GRAVITY) ** 2 + sway**2 + uneven**2)
+    tell("grade", grade, unsure / jnp.cos(grade))
     tell("speed", mean[SPEED], jnp.hypot(std[SPEED], joint.speed_scale * mean[SPEED]))
     tell("accel_x_bias", mean[BIAS], std[BIAS])
     scale, scale_std = jnp.ones(()), joint.mass_std
