@@ -201,7 +201,7 @@ class FrictionBank(eqx.Module):
         slips = slip_jump.unexplained(touch, self.wheels.slip_stiffness)
         told = jnp.concatenate([touch.across, touch.along, jnp.clip(linear, -1.0, 1.0), slips])
         tells = jnp.isfinite(jnp.concatenate([touch.across_std, *[touch.along_std] * 3]))
-        told = jnp.where(tells, told, state.level)
+        told = once(jnp.where(tells, told, state.level))
         memory = jnp.where(state.level < slip_jump.NOTHING, state.level, told)
         change = told - memory
         level = memory - jnp.expm1(-dt / slip_jump.MEMORY) * change
