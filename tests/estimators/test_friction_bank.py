@@ -10,6 +10,7 @@ import pytest
 from roadstate.core.constants import GRAVITY
 from roadstate.core.kernel import equations
 from roadstate.core.numerics import in_single
+from roadstate.estimators import slip_jump
 from roadstate.estimators.friction_bank import VIEWS, BankState, FrictionBank
 from roadstate.estimators.friction_curve import bounded, elastic, grip
 from roadstate.estimators.sideways import BIAS_R, GIVE_F, SIZE, STIFF_F, STIFF_R, V_Y, Sideways, Touch
@@ -142,7 +143,9 @@ class TestBank:
 
     def test_what_nothing_tells_is_no_change(self, vehicle: Vehicle) -> None:
         """F_y begins where it is first known; a wheel that falls silent comes back as it was."""
-        bank, here = FrictionBank(vehicle), touch(0.2, 0.01)._replace(across=jnp.full(2, 0.3))
+        bank = FrictionBank(vehicle)
+        slip = 0.2 / float(bank.wheels.slip_stiffness)
+        here = touch(0.2, slip / (1 - slip))._replace(across=jnp.full(2, 0.3))
         blind = here._replace(across_std=jnp.full(2, jnp.inf), along_std=jnp.full(4, jnp.inf))
         blind = blind._replace(across=jnp.zeros(2), along=jnp.zeros(4), slip=jnp.zeros(4))
         nothing = self.driven(bank, (0.1, blind))
@@ -151,6 +154,8 @@ class TestBank:
         first = self.driven(bank, (0.1, blind), (0.01, here))
         assert float(bank.cornering(first)) == pytest.approx(0.3, rel=1e-6)
         np.testing.assert_array_equal(self.driven(bank, (0.01, here), (0.1, blind)).level, first.level)
+        back = slip_jump.unexplained(here, bank.wheels.slip_stiffness)
+        np.testing.assert_allclose(slip_jump.jumps(back, first.level[10:], here), 0.0, atol=1e-6)
 
     def after(self, bank: FrictionBank, seconds: float, along: float, slip: float) -> np.ndarray:
         state = self.driven(bank, (seconds, touch(along, slip)))
