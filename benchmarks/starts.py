@@ -78,8 +78,7 @@ def cuts(log: Log, begins: NDArray[np.bool_], rng: np.random.Generator) -> Itera
     fast = log["ref_velocity_x"] > _MOVING
     places = np.flatnonzero(begins & fast & (log.time < log.time[-1] - _SECONDS))
     for i in np.unique(rng.choice(places, _CUTS)) if len(places) else ():
-        part = slice(i, i + int(np.searchsorted(log.time[i:], log.time[i] + _SECONDS)))
-        yield Log(log.time[part], {c: log[c][part] for c in log.channels})
+        yield log.between(log.time[i], log.time[i] + _SECONDS)
 
 
 def rows(said: Estimates, log: Log, start: Start) -> Array:
