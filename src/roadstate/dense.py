@@ -67,26 +67,17 @@ def cholesky(A: Float[Array, "... n n"]) -> Float[Array, "... n n"]:
 
 def _upper(A: Float[Array, "... n n"]) -> Float[Array, "... n n"]:
     """The upper-triangular U with Uᵀ U = A, written out row by row."""
-    n, rows = A.shape[-1], list[Array]()
-    for j in range(n):
-        rest = A[..., j, j:]
-        if rows:
-            rest = rest - pairwise([row[..., j - k, None] * row[..., j - k :] for k, row in enumerate(rows)])
-        rows.append(once(rest * (1 / jnp.sqrt(rest[..., :1]))))
-    gaps = [jnp.zeros((*A.shape[:-2], j), A.dtype) for j in range(n)]
-    return _stacked([jnp.concatenate(pair, axis=-1) for pair in zip(gaps, rows, strict=True)], A)
+    rows, rest = list[Array](), A
+    for j in range(A.shape[-1]):
+        row = once(rest[..., :1, :] * (1 / jnp.sqrt(rest[..., :1, :1])))
+        rows.append(jax.lax.pad(row, jnp.zeros((), A.dtype), [(0, 0, 0)] * (A.ndim - 1) + [(j, 0, 0)]))
+        after = row[..., 1:]
+        rest = rest[..., 1:, 1:] - jnp.swapaxes(after, -1, -2) * after
+    return _below(rows, A)
 
 
-def _stacked(rows: list[Array], like: Array) -> Array:
-    return once(jnp.stack(rows, axis=-2)) if rows else like
-
-
-def pairwise(terms: list[Array]) -> Array:
-    """The sum of terms, by pairs, so that no addition waits for all before it."""
-    while len(terms) > 1:
-        left_over = terms[len(terms) // 2 * 2 :]
-        terms = [a + b for a, b in zip(terms[::2], terms[1::2], strict=False)] + left_over
-    return terms[0]
+def _below(rows: list[Array], like: Array) -> Array:
+    return once(jnp.concatenate(rows, axis=-2)) if rows else like
 
 
 def row_triangle(A: Float[Array, "... n k"], *, is_rare: bool = False) -> Float[Array, "... n n"]:
@@ -120,12 +111,11 @@ def solve_lower(L: Float[Array, "... m m"], B: Float[Array, "... m k"]) -> Float
     """L⁻¹ B for a lower-triangular L (§3.1.3); what stands above its diagonal is not read."""
     n = L.shape[-1]
     if n <= _WRITTEN_OUT:
-        rows = list[Array]()
+        rows, rest = list[Array](), B
         for j in range(n):
-            known = [L[..., j, k, None] * row for k, row in enumerate(rows)]
-            rest = B[..., j, :] - pairwise(known) if known else B[..., j, :]
-            rows.append(once(rest / L[..., j, j, None]))
-        return _stacked(rows, B)
+            rows.append(once(rest[..., :1, :] / L[..., j : j + 1, j : j + 1]))
+            rest = rest[..., 1:, :] - L[..., j + 1 :, j : j + 1] * rows[-1]
+        return _below(rows, B)
     index = jnp.arange(n)[:, None]
 
     def substitute(j: Array, rest: Array) -> Array:
