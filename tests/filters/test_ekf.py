@@ -16,7 +16,7 @@ from oracles.covariance_kf import Belief, kf_predict, kf_update
 from oracles.filter_models import Radar
 from roadstate.core.gaussian import Gate, Gaussian
 from roadstate.filters import EKF, KF, FilterState, GateRule, IteratedEKF
-from roadstate.filters.ekf import linearize
+from roadstate.filters.kf import linearize
 from roadstate.statespace import StateSpaceModel
 
 NAN = np.nan

@@ -12,25 +12,12 @@ from jaxtyping import Array, Bool, Float
 
 from roadstate.core.gaussian import Gate, Gaussian, Info
 from roadstate.filters.base import FilterState
-from roadstate.filters.kf import KF
+from roadstate.filters.kf import KF, linearize
 from roadstate.linalg import correct, product, solve_lower, tria
 from roadstate.statespace import StateSpaceModel
 
 _STEPS = (1.0, 0.5, 0.25, 0.125)
 """Fractions of a Gauss–Newton step that are tried; a full step can overshoot."""
-
-
-def linearize(
-    function: Callable[[Float[Array, " n"]], Float[Array, " m"]], x: Float[Array, " n"]
-) -> tuple[Float[Array, " m"], Float[Array, "m n"]]:
-    """Value and Jacobian of ``function`` at ``x``, from one evaluation."""
-
-    def twice(point: Float[Array, " n"]) -> tuple[Float[Array, " m"], Float[Array, " m"]]:
-        value = function(point)
-        return value, value
-
-    jacobian, value = jax.jacfwd(twice, has_aux=True)(x)
-    return value, jacobian
 
 
 class EKF(KF):

@@ -11,7 +11,8 @@ from jaxtyping import Array, Float
 
 from roadstate.core.gaussian import Gaussian, Info, Reason
 from roadstate.filters.base import Filter, FilterState, GateRule
-from roadstate.filters.ekf import EKF, linearize, standard_normal
+from roadstate.filters.ekf import EKF, standard_normal
+from roadstate.filters.kf import linearize
 from roadstate.filters.spectral import spectral
 from roadstate.linalg import product, solve_lower, tria
 from roadstate.statespace import StateSpaceModel

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, ClassVar
 
 import equinox as eqx
@@ -13,6 +14,19 @@ from roadstate.core.kernel import once
 from roadstate.filters.base import FilterState, GateRule, GaussianFilter, Moved
 from roadstate.linalg import product
 from roadstate.statespace import StateSpaceModel
+
+
+def linearize(
+    function: Callable[[Float[Array, " n"]], Float[Array, " m"]], x: Float[Array, " n"]
+) -> tuple[Float[Array, " m"], Float[Array, "m n"]]:
+    """Value and Jacobian of ``function`` at ``x``, from one evaluation."""
+
+    def twice(point: Float[Array, " n"]) -> tuple[Float[Array, " m"], Float[Array, " m"]]:
+        value = function(point)
+        return value, value
+
+    jacobian, value = jax.jacfwd(twice, has_aux=True)(x)
+    return value, jacobian
 
 
 class KF(GaussianFilter):
@@ -33,7 +47,7 @@ class KF(GaussianFilter):
         """f, linearised at the mean."""
         mean, factor = gaussian.mean, gaussian.factor
         u = once(u)
-        moved, F, noise = once((model.f(mean, u, dt), jax.jacfwd(model.f)(mean, u, dt), model.sqrt_Q(u, dt)))
+        (moved, F), noise = once((linearize(lambda x: model.f(x, u, dt), mean), model.sqrt_Q(u, dt)))
         return Moved(moved, factor, product(F, factor), (noise,))
 
     def update(
@@ -41,5 +55,5 @@ class KF(GaussianFilter):
     ) -> tuple[FilterState, Info]:
         """Measurement update."""
         mean, factor = state.gaussian.mean, state.gaussian.factor
-        H = jax.jacfwd(model.h)(mean, u)
-        return self._condition(state, z, model.h(mean, u), factor, product(H, factor), model.sqrt_R(u))
+        z_hat, H = linearize(lambda x: model.h(x, u), mean)
+        return self._condition(state, z, z_hat, factor, product(H, factor), model.sqrt_R(u))

@@ -14,9 +14,10 @@ from roadstate.core.gaussian import Gaussian, Info, Reason
 from roadstate.core.kernel import once
 from roadstate.filters.averages import AverageState
 from roadstate.filters.base import Filter, FilterState, GateRule, examine
-from roadstate.filters.ekf import EKF, linearize
+from roadstate.filters.ekf import EKF
 from roadstate.filters.fading import StrongTracking, removable
 from roadstate.filters.fuzzy import FuzzyNoise, FuzzyState
+from roadstate.filters.kf import linearize
 from roadstate.filters.spectral import spectral
 from roadstate.filters.transitions import SlidingPrediction, SlidingState, Transition, select
 from roadstate.linalg import product, root, solve_lower, tria
