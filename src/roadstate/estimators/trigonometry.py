@@ -18,28 +18,32 @@ from numpy.typing import NDArray
 
 from roadstate.tires.smooth import Numbers
 
-
-def _fitted(function: Callable[[NDArray[Any]], Any], degree: int, domain: tuple[float, float]) -> Polynomial:
-    """Interpolant in powers of the interval's own coordinate, from −1 to 1."""
-    fitted: Polynomial = Chebyshev.interpolate(function, degree, domain).convert(
-        kind=Polynomial, domain=domain
-    )
-    return fitted
+_Fits = dict[str, Polynomial]
 
 
-def _value(polynomial: Polynomial, x: Numbers) -> Numbers:
-    """By Horner's rule."""
+def _fitted(function: Callable[[NDArray[Any]], Any], domain: tuple[float, float], **degrees: int) -> _Fits:
+    """Interpolant in powers of the interval's own coordinate, from −1 to 1, by precision."""
+    return {
+        precision: Chebyshev.interpolate(function, degree, domain).convert(kind=Polynomial, domain=domain)
+        for precision, degree in degrees.items()
+    }
+
+
+def _value(fits: _Fits, x: Numbers) -> Numbers:
+    """By Horner's rule, of a degree that leaves no more than rounding."""
+    polynomial = fits["float32" if x.dtype == jnp.float32 else "float64"]
     offset, scale = (float(number) for number in polynomial.mapparms())
     inside = offset + scale * x
-    total: Numbers = jnp.zeros_like(inside)
-    for coefficient in polynomial.coef[::-1]:
+    total = jnp.asarray(polynomial.coef[-1], x.dtype)
+    for coefficient in polynomial.coef[-2::-1]:
         total = total * inside + float(coefficient)
     return total
 
 
-_ARCTAN = _fitted(lambda z: np.arctan(np.sqrt(z)) / np.sqrt(z), 18, (0.0, 1.0))  # of z = x²
-_SINE = _fitted(np.sin, 16, (0.0, np.pi))
-_COSINE = _fitted(np.cos, 17, (0.0, np.pi))
+# of z = x²
+_ARCTAN = _fitted(lambda z: np.arctan(np.sqrt(z)) / np.sqrt(z), (0.0, 1.0), float64=18, float32=9)
+_SINE = _fitted(np.sin, (0.0, np.pi), float64=16, float32=10)
+_COSINE = _fitted(np.cos, (0.0, np.pi), float64=17, float32=9)
 
 
 def arctan(x: Numbers) -> Numbers:
