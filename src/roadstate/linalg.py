@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, TypeVar, cast
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, ArrayLike, Bool, Float
 
 from roadstate import dense
 from roadstate.core.kernel import once
@@ -153,7 +153,9 @@ def product(A: Float[Array, "... n k"], B: Float[Array, "... k m"]) -> Float[Arr
     """
     if max(A.shape[-2], A.shape[-1], B.shape[-1]) > _SUMMED:
         return A @ B
-    terms = [A[..., :, k, None] * B[..., None, k, :] for k in range(A.shape[-1])]
+    ones = [1] * A.shape[-1]
+    columns, rows = jax.lax.split(A, ones, axis=A.ndim - 1), jax.lax.split(B, ones, axis=B.ndim - 2)
+    terms = [column * row for column, row in zip(columns, rows, strict=True)]
     while len(terms) > 1:  # pairwise, so that no sum waits for all before it
         left_over = terms[len(terms) // 2 * 2 :]
         terms = [a + b for a, b in zip(terms[::2], terms[1::2], strict=False)] + left_over
@@ -168,6 +170,16 @@ def solve_lower(L: Float[Array, "m m"], b: Float[Array, " m"]) -> Float[Array, "
 def root(x: Array) -> Array:
     """√x for x ≥ 0, with derivative 0 instead of infinity at 0: the noise of a step that takes no time."""
     return jnp.sqrt(jnp.maximum(x, float(np.finfo(x.dtype).tiny)))
+
+
+def rss(*parts: ArrayLike) -> Array:
+    """√(a² + b² + …): the 1σ of a sum of independent errors, or the length of a vector, by elements.
+
+    Differentiable as :func:`root` is. (``jnp.hypot`` guards against squares too large for floating-point
+    numbers, by three times as many operations.)
+    """
+    first, *others = (jnp.square(part) for part in parts)
+    return root(sum(others, first))
 
 
 def beside(*blocks: Float[Array, "n _"]) -> Float[Array, "n k"]:

@@ -33,7 +33,7 @@ from roadstate.estimators.shortfall import Shortfall
 from roadstate.estimators.signals import NEVER, span, way
 from roadstate.estimators.tire_contact import ANY, ContactState, TireContact
 from roadstate.estimators.traction import UNKNOWN
-from roadstate.linalg import root
+from roadstate.linalg import root, rss
 
 if TYPE_CHECKING:
     from roadstate.estimators.joint import JointState
@@ -219,21 +219,21 @@ class AlongIntake(eqx.Module):
                         is_told = jnp.isfinite(value)
                         level = root(1 - jnp.clip(x[SLOPE] / GRAVITY, -0.5, 0.5) ** 2)
                         value = jnp.where(is_told, jnp.where(is_told, value, 0.0) / level, jnp.nan)
-                    std = jnp.hypot(std, _JITTER * u.gaining)
+                    std = rss(std, _JITTER * u.gaining)
                 if name == "vertical_speed":
-                    std = jnp.hypot(std, _AGE * u.gaining * x[SLOPE] / GRAVITY)
-                    std = jnp.hypot(std, _HILLY * between * root(dt))
+                    swell = _AGE * u.gaining * x[SLOPE] / GRAVITY
+                    std = rss(std, swell, _HILLY * between * root(dt))
                 parts.append(jnp.where(jnp.isfinite(value), value, jnp.nan)[None])
                 stds.append(std[None])
         if "traction" in self.sensors:
             told = seen.is_fresh[ACCEL_X] & (forces.age < STALE)
             more = forces.lean.freed(seen.smooth[ACCEL_X], self.pitching) - forces.explained
             parts.append(jnp.where(told, more, jnp.nan)[None])
-            both = jnp.hypot(forces.intensity, self.accel_noise)
+            both = rss(forces.intensity, self.accel_noise)
             both = jnp.where(state.shortfall.is_brake, UNKNOWN["brake"], both)
             stds.append((both / root(since[ACCEL_X]))[None])
             u = u._replace(intensity=jnp.where(felt, self.white(state.unrest, forces)[0], u.intensity))
-        u = u._replace(intensity=jnp.hypot(u.intensity, between))
+        u = u._replace(intensity=rss(u.intensity, between))
         if "attitude" in self.sensors:
             parts.append(jnp.zeros(1))  # where a pitch rate comes that is believed
             stds.append(lean_std(state.pitch, _since(state.pitch.rate.age, dt))[None])

@@ -15,6 +15,7 @@ from roadstate.core.errors import InputError
 from roadstate.estimators.base import Need, Sample, leaf
 from roadstate.estimators.signals import Held
 from roadstate.estimators.velocity import STALE, Motion, VelocityObserver, VelocityState
+from roadstate.linalg import rss
 from roadstate.vehicles.kinematics import Planar, wheel_positions, wheel_steer, wheel_velocities
 
 if TYPE_CHECKING:
@@ -177,7 +178,7 @@ class ContactMeter(eqx.Module):
         else:
             moving = wheel_velocities(v[0], v[1], yaw_rate, self._places, wheel_steer(steer))
             wheel_speed = moving.x / self._radius
-        rolling = jnp.hypot(self._wheel_noise, self._scale * wheel_speed)
+        rolling = rss(self._wheel_noise, self._scale * wheel_speed)
         spread = jnp.concatenate([std, self._steer_std[None], rolling])
         contact = Contact(jnp.append(v, yaw_rate), steer, wheel_speed, accel, spread, age)
         return ContactState(held, velocity), contact

@@ -36,6 +36,7 @@ from roadstate.estimators.traction import (
     TractionState,
     UnseenBrakes,
 )
+from roadstate.linalg import rss
 from roadstate.vehicles import SevenDofForces
 
 if TYPE_CHECKING:
@@ -282,7 +283,7 @@ class ForceMeter(eqx.Module):
         stir = jnp.maximum(ahead, state.stir * jnp.exp(-dt / _STIRRED))
         split = jnp.where(blind, _SPLIT_ERROR * jnp.max(jnp.abs(along)), 0.02 * jnp.abs(rest) * jnp.ones(4))
         if self.torque_of == "engine":
-            split = jnp.hypot(split, _DIFFERENTIAL * jnp.abs(torque[:4]) / radius)
+            split = rss(split, _DIFFERENTIAL * jnp.abs(torque[:4]) / radius)
         unsure = jnp.where(scene.felt | (scene.known & ~unseen.act), 0.0, jnp.inf)
         rotation = jnp.abs(signals.rate[YAW_RATE])
         moment = _INERTIA_ERROR * car.yaw_inertia * rotation / (axles * car.wheelbase)
@@ -298,7 +299,7 @@ class ForceMeter(eqx.Module):
             stir=stir,
             shaken=signals.shaken,
             along_std=split / jnp.maximum(load, 0.1 * jnp.mean(load)) + unsure,
-            across_std=jnp.hypot(moment, _PLACE_ERROR * rotation / GRAVITY) + missing,
+            across_std=rss(moment, _PLACE_ERROR * rotation / GRAVITY) + missing,
             accel=accel,
             lean=lean,
             yaw_accel=signals.rate[YAW_RATE],
@@ -390,7 +391,7 @@ class ForceMeter(eqx.Module):
     ) -> Array:
         """White error of the specific force that torques tell, m/s²/√Hz."""
         mass, radius = self.car.mass, self.car.wheel_radius[0]
-        white = jnp.hypot(drive.torque_std * _TORQUE_TIME**0.5, drive.held_noise) / mass
+        white = rss(drive.torque_std * _TORQUE_TIME**0.5, drive.held_noise) / mass
         late = jnp.sum(jnp.abs(jump)) / (radius * mass) * (_TORQUE_DELAY / SMOOTHING * _TORQUE_TIME**0.5)
         turning = _TURNING * accel[1] * sine
         lost = jnp.where(drive.is_shifting, UNKNOWN["shift"], 0.0)

@@ -28,7 +28,7 @@ from roadstate.estimators.signals import (
 )
 from roadstate.estimators.traction import UNKNOWN, BrakeWatch, TractionMeter, TractionState
 from roadstate.filters import UKF, FilterState, GateRule
-from roadstate.linalg import root
+from roadstate.linalg import root, rss
 from roadstate.statespace import StateSpaceModel
 
 if TYPE_CHECKING:
@@ -251,11 +251,14 @@ class DEBE(Estimator[DEBEState]):
             unknown = watch.coasting
         braking = drive.is_braking if self.traction.knows_brakes else unknown
         stands = jnp.abs(speed) < STANDSTILL_SPEED
-        intensity = jnp.hypot(_MODEL_NOISE, drive.torque_std / self.mass * _TORQUE_TIME**0.5)
-        intensity = jnp.hypot(intensity, drive.brake_std / self.mass * _BRAKE_TIME**0.5)
-        intensity = jnp.hypot(intensity, jnp.where(drive.is_shifting, UNKNOWN["shift"], 0.0))
-        intensity = jnp.hypot(intensity, jnp.where(unknown | unseen.may_act, UNKNOWN["brake"], 0.0))
-        intensity = jnp.hypot(intensity, jnp.where(known & ~stands, 0.0, UNKNOWN["drive"]))
+        intensity = rss(
+            _MODEL_NOISE,
+            drive.torque_std / self.mass * _TORQUE_TIME**0.5,
+            drive.brake_std / self.mass * _BRAKE_TIME**0.5,
+            jnp.where(drive.is_shifting, UNKNOWN["shift"], 0.0),
+            jnp.where(unknown | unseen.may_act, UNKNOWN["brake"], 0.0),
+            jnp.where(known & ~stands, 0.0, UNKNOWN["drive"]),
+        )
         share = self.mass / drive.inertia
         direction = signed_direction(
             traction_state.held["gear_ratio"].value if self.traction.source == "gear" else nothing
@@ -298,8 +301,8 @@ class DEBE(Estimator[DEBEState]):
         return Estimate(
             {"grade": mean[1], "speed": mean[0]},
             {
-                "grade": jnp.hypot(std[1], state.force_error),
-                "speed": jnp.hypot(std[0], self.speed_scale * mean[0]),
+                "grade": rss(std[1], state.force_error),
+                "speed": rss(std[0], self.speed_scale * mean[0]),
             },
             state.validity,
         )

@@ -16,7 +16,7 @@ from roadstate.estimators.contact import Contact
 from roadstate.estimators.velocity import STALE
 from roadstate.filters import ExtendedHInfinity
 from roadstate.filters.hinfinity import HInfinityState
-from roadstate.linalg import product, root
+from roadstate.linalg import product, root, rss
 from roadstate.statespace import StateSpaceModel
 from roadstate.tires.smooth import soft_abs
 from roadstate.vehicles.kinematics import wheel_slips, wheel_steer, wheel_velocities
@@ -206,7 +206,7 @@ class ForceFilter(eqx.Module):
         direct = self.direct(contact, friction)
         noise = jnp.sqrt(jnp.sum(to_channels(direct.white) ** 2, axis=1))
         size = channel_loads(self.load)
-        std = jnp.hypot(noise, _LEAST_SHARE * size) if self.sample_std is None else self.sample_std
+        std = rss(noise, _LEAST_SHARE * size) if self.sample_std is None else self.sample_std
         moves = (jnp.abs(contact.velocity[0]) > SLOWEST) & (contact.age < STALE)
         sample = jnp.where(moves, to_channels(direct.force), jnp.nan)
         push = mean_push = jnp.zeros(8, std.dtype)
@@ -215,7 +215,7 @@ class ForceFilter(eqx.Module):
             slopes = jnp.where(moves, to_channels(direct.motion), 0.0)
             push = product(slopes, moving.rate[:, None])[:, 0]
             mean_push = 0.5 * (state.push + push)
-            step_std = jnp.hypot(step_std, root(product(slopes**2, (moving.std * dt)[:, None] ** 2)[:, 0]))
+            step_std = rss(step_std, root(product(slopes**2, (moving.std * dt)[:, None] ** 2)[:, 0]))
         told = ForceInput(std, self.motion * size, step_std, mean_push)
         ahead = jax.vmap(lambda each, s, w: each.predict(self.channel, s, w, dt))(
             self.filters, state.filters, told
@@ -249,7 +249,7 @@ class ForceFilter(eqx.Module):
     def direct(self, contact: Contact, friction: Float[Array, " 4"]) -> Direct:
         """F⁰ of the tire model, straight from the sensors; arguments as :meth:`step`."""
 
-        std = jnp.append(contact.std, jnp.hypot(self.white_std[7], self.yaw_bias))
+        std = jnp.append(contact.std, rss(self.white_std[7], self.yaw_bias))
 
         def forces(shift: Float[Array, " 9"]) -> Float[Array, " 8"]:
             off = shift[:8] * std
@@ -293,7 +293,7 @@ class ForceFilter(eqx.Module):
         both = 0.5 * (variance[0::2] + variance[1::2])
         std = jnp.sqrt(jnp.concatenate([jnp.repeat(both, 2), 2 * variance[0::2]]))
         values = jnp.concatenate([wheels, axle_sums(wheels[:4]), axle_sums(wheels[4:])])
-        return values, jnp.hypot(std, state.lasting)
+        return values, rss(std, state.lasting)
 
 
 def _wheels(filters: HInfinityState) -> Float[Array, " 8"]:

@@ -27,6 +27,7 @@ from roadstate.estimators.tire_forces import (
 from roadstate.estimators.traction import UNKNOWN, BrakeWatch, Traction, TractionMeter, TractionState
 from roadstate.filters import FilterState, GateRule
 from roadstate.filters.marginal import MarginalUKF
+from roadstate.linalg import rss
 
 if TYPE_CHECKING:
     from roadstate.vehicles import Vehicle
@@ -212,7 +213,7 @@ class ForceObserver(eqx.Module):
             load=load,
             accel=accel,
             slow_std=slow,
-            intensity=by_torque * by_accel / jnp.hypot(by_torque, by_accel),
+            intensity=by_torque * by_accel / rss(by_torque, by_accel),
             wheel_speed=turning,
             is_seen=seen[len(FELT) :],
             age=jnp.max(jnp.stack([drive.age, *(h.age for n, h in held.items() if n != "gear_ratio")])),
@@ -248,7 +249,7 @@ class ForceObserver(eqx.Module):
         white = drive.torque_std * car.wheel_radius[0] * _TORQUE_TIME**0.5
         # what does not depend on the torques, gusts at first: twice the relative change of the wind
         gust = 2 * car.drag(speed) / car.mass / jnp.maximum(jnp.abs(speed), 1.0) * _GUST
-        model = jnp.hypot(_UNEVEN, gust) * rim
+        model = rss(_UNEVEN, gust) * rim
         late = jump * (_TORQUE_DELAY / _SMOOTHING * _TORQUE_TIME**0.5)
         # a wheel that stands is held by any torque up to its brake's
         held = jnp.where(jnp.abs(speed) < _CRAWL, UNKNOWN["brake"], 0.0)
@@ -274,10 +275,10 @@ class ForceObserver(eqx.Module):
         along_rows, across_std = rows[FORCE_X], gaussian.std[FORCE_Y]
         axles = along.reshape(2, 2).sum(axis=1)
         axle_std = jnp.sqrt(jnp.sum(along_rows.reshape(2, 2, -1).sum(axis=1) ** 2, axis=1))
-        across_std = jnp.hypot(across_std, _CG_ERROR * jnp.sum(across) * jnp.ones(2))
+        across_std = rss(across_std, _CG_ERROR * jnp.sum(across) * jnp.ones(2))
         whole = jnp.repeat(across, 2)
-        split = jnp.hypot(_SHARE_ERROR[0] * whole, _SHARE_ERROR[1] * load)
-        wheel_std = jnp.hypot(share * jnp.repeat(across_std, 2), split)
+        split = rss(_SHARE_ERROR[0] * whole, _SHARE_ERROR[1] * load)
+        wheel_std = rss(share * jnp.repeat(across_std, 2), split)
         values = jnp.concatenate([along, axles, share * whole, across])
         return values, jnp.concatenate([gaussian.std[FORCE_X], axle_std, wheel_std, across_std])
 

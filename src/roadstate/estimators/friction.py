@@ -26,7 +26,7 @@ from roadstate.estimators.friction_states import share_learned
 from roadstate.estimators.signals import Held, span
 from roadstate.estimators.velocity import STALE
 from roadstate.filters.base import Filter
-from roadstate.linalg import tria
+from roadstate.linalg import rss, tria
 from roadstate.tires import NormalizedDugoff, TireModel, all_tires
 from roadstate.vehicles.figures import tire_of
 from roadstate.vehicles.three_dof_contact import ThreeDofContact
@@ -263,7 +263,7 @@ class FrictionEstimator(Estimator[FrictionState]):
         validity = jnp.where(jnp.abs(speed) < _SLOWEST, int(Validity.STANDSTILL), validity)
         validity = jnp.where(contact.age < _SILENT, validity, int(Validity.SENSOR_MISSING))
         validity = jnp.where(info.ok, validity, int(Validity.DIVERGED))
-        speed_std = jnp.hypot(contact.std[0], self.meter.speed_scale * speed)
+        speed_std = rss(contact.std[0], self.meter.speed_scale * speed)
         velocity = jnp.append(contact.velocity[:2], jnp.stack([speed_std, contact.std[1]]))
         return FrictionState(filter_state, meter, yaw_rate, used, proven, tire, velocity, validity), info
 

@@ -37,7 +37,7 @@ from roadstate.estimators.sideways import (
     Sideways,
     Touch,
 )
-from roadstate.linalg import root
+from roadstate.linalg import root, rss
 
 if TYPE_CHECKING:
     from roadstate.vehicles import Vehicle
@@ -389,4 +389,4 @@ class FrictionBank(eqx.Module):
         width = self.friction * float(np.log(_LARGEST / _LEAST) / (_COUNT - 1)) / 12**0.5
         of_parts = root(jnp.sum(p * ((self.friction - mean) ** 2 + width**2), axis=1))
         means = jnp.asarray(_MEANS, p.dtype)
-        return in_default(jnp.hypot(means @ of_parts, means @ mean[:, 0] - in_single(told)))
+        return in_default(rss(means @ of_parts, means @ mean[:, 0] - in_single(told)))

@@ -14,6 +14,7 @@ from roadstate.estimators.base import leaf
 from roadstate.estimators.friction_curve import TOP, Grip, bounded, elastic, theoretical_slip
 from roadstate.estimators.mixture import learn, weigh
 from roadstate.estimators.sideways import FORCE_ERROR, FORCE_ERROR_TIME, SLOWEST, Touch
+from roadstate.linalg import rss
 
 if TYPE_CHECKING:
     from roadstate.vehicles import Vehicle
@@ -106,7 +107,7 @@ class Wheels(eqx.Module):
         row = jnp.stack(slopes, axis=1)
         measured = touch.along[:, None]
         turned = _SLIP_ASIDE * aside.angle
-        own = jnp.hypot(touch.slip_std, touch.slip_noise)[:, None]
+        own = rss(touch.slip_std, touch.slip_noise)[:, None]
         slips = jnp.sqrt(own**2 + touch.slip_shared**2 + turned**2)
         floor = touch.along_std[:, None] ** 2 + FORCE_ERROR[0] ** 2 + (FORCE_ERROR[1] * measured) ** 2
         shaken = floor + touch.shaken[0] ** 2
@@ -132,7 +133,7 @@ class Wheels(eqx.Module):
             jump, touch, turned, self.slip_stiffness, friction, bent, jnp.sqrt(floor), step
         )
         # a wheel that bears nothing slips on no road, but a bump shakes it
-        borne = jnp.hypot(touch.along, jnp.repeat(touch.across, 2))[:, None]
+        borne = rss(touch.along, jnp.repeat(touch.across, 2))[:, None]
         idle = (borne < slip_jump.BEARS) & (jnp.abs(touch.slip[:, None]) < slip_jump.SLIDES)
         return y, Y, jnp.where(known & ~idle, likelihood, 0.0), jumps
 

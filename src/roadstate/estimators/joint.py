@@ -46,7 +46,7 @@ from roadstate.estimators.signals import NEVER, STANDSTILL_SPEED
 from roadstate.estimators.tire_contact import ContactState
 from roadstate.estimators.watch import Watch, WatchState
 from roadstate.filters import KF, FilterState, GateRule
-from roadstate.linalg import root
+from roadstate.linalg import root, rss
 
 if TYPE_CHECKING:
     from roadstate.vehicles import Vehicle
@@ -235,7 +235,7 @@ class Joint(Estimator[JointState]):
         watch = once(self.watch.look(state.watch, sample, dt))
         lag, since = self.watch.lateness(watch, self.sensors), self.watch.since(watch, self.sensors)
         lasting = jnp.sqrt(_LATE_TIME / jnp.clip(since, _LEAST_STEP, _LATE_TIME))
-        u = u._replace(sensor_std=jnp.hypot(u.sensor_std, lag * u.gaining * lasting))
+        u = u._replace(sensor_std=rss(u.sensor_std, lag * u.gaining * lasting))
         pitch = state.pitch
         if "attitude" in self.sensors:
             tilt = jnp.stack([across[BANK], across_std[BANK]]) / GRAVITY
@@ -260,7 +260,7 @@ class Joint(Estimator[JointState]):
         since = jnp.where(state.speed_age < NEVER, dt, NEVER)
         contact, touch = self.inputs.contact.touch(contact, seen, forces, speed, rolling, gain, since)
         late = self.watch.lateness(watch, WHEEL_SPEEDS) * gain / jnp.maximum(jnp.abs(speed), 1.0)
-        touch = touch._replace(slip_shared=jnp.hypot(touch.slip_shared, jnp.max(jnp.abs(late))))
+        touch = touch._replace(slip_shared=rss(touch.slip_shared, jnp.max(jnp.abs(late))))
         bank, likelihood = once(self.bank.step(state.bank, touch, dt))
         trust = self.trust.test(state.trust, raw, balance, signal, speed, held.repeats >= REPEATS, dt)
         trust, now = once((trust, self.trust.verdict(trust)))

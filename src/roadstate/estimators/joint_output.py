@@ -17,7 +17,7 @@ from roadstate.estimators.friction_bank import VIEWS
 from roadstate.estimators.intake import ACCEL_X, ACCEL_Y, SMOOTHING, STALE
 from roadstate.estimators.sideways import BANK, BIAS_Y, LEVER, SLOWEST, V_Y
 from roadstate.estimators.signals import STANDSTILL_SPEED
-from roadstate.linalg import root
+from roadstate.linalg import root, rss
 
 if TYPE_CHECKING:
     from roadstate.estimators.joint import Joint, JointState
@@ -64,7 +64,7 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
     uneven = _UNEVEN * jnp.min(forces.shaken) / root(jnp.maximum(jnp.abs(mean[SPEED]), 1.0))
     unsure = root((std[SLOPE] / GRAVITY) ** 2 + sway**2 + uneven**2)
     tell("grade", grade, unsure / jnp.cos(grade))
-    tell("speed", mean[SPEED], jnp.hypot(std[SPEED], joint.speed_scale * mean[SPEED]))
+    tell("speed", mean[SPEED], rss(std[SPEED], joint.speed_scale * mean[SPEED]))
     tell("accel_x_bias", mean[BIAS], std[BIAS])
     scale, scale_std = jnp.ones(()), joint.mass_std
     if "mass" in joint.along.states:
@@ -84,7 +84,7 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
     used, used_std = _used(forces, straight, lateral, leads, lasting)
     ages = state.signals.age
     silent = jnp.minimum(ages[ACCEL_X], 10.0) + jnp.minimum(ages[ACCEL_Y], 3.0)
-    tell("friction_used", used, jnp.hypot(used_std, 0.1 * silent))
+    tell("friction_used", used, rss(used_std, 0.1 * silent))
     if joint.knows_sides:
         tell("velocity_y", side[V_Y], side_std[V_Y])
         bank = jnp.arcsin(jnp.clip(side[BANK] / GRAVITY, -0.99, 0.99))
@@ -92,21 +92,17 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
     shaken = jnp.asarray(_SHAKEN, axles.dtype) * forces.shaken / GRAVITY
     for i, where in enumerate(("front", "rear")):
         load, along = axles[i], straight[i]
-        rough = jnp.hypot(scale_std * along, jnp.hypot(_ROUGH[0], shaken[0]) * load)
-        rough = jnp.hypot(rough, jnp.hypot(_SHARED * along, straight_std[i]))
-        rough = jnp.hypot(rough, leads[0, i])
-        rough = jnp.hypot(rough, _PARKED * load * jnp.exp(-((mean[SPEED] / STANDSTILL_SPEED) ** 2)))
+        rough = rss(scale_std * along, _ROUGH[0] * load, shaken[0] * load, _SHARED * along, straight_std[i])
+        parked = _PARKED * load * jnp.exp(-((mean[SPEED] / STANDSTILL_SPEED) ** 2))
         unsure = 0.5 * (forces.along_std[2 * i] + forces.along_std[2 * i + 1])
         spread = jnp.where(jnp.isfinite(unsure), unsure, 1.0) * load
-        tell(f"force_x_{where}", scale * along, jnp.hypot(rough, spread))
+        tell(f"force_x_{where}", scale * along, rss(rough, leads[0, i], parked, spread))
         if joint.knows_sides:
             across = lateral[i]
-            rough = jnp.hypot(scale_std * across, jnp.hypot(_ROUGH[1], shaken[1]) * load)
-            rough = jnp.hypot(rough, leads[1, i])
-            rough = jnp.hypot(rough, _CG_ERROR * jnp.sum(lateral))
-            rough = jnp.hypot(rough, side_std[BIAS_Y] / GRAVITY * load)
+            rough = rss(scale_std * across, _ROUGH[1] * load, shaken[1] * load, _CG_ERROR * jnp.sum(lateral))
+            biased = side_std[BIAS_Y] / GRAVITY * load
             spread = jnp.where(jnp.isfinite(forces.across_std[i]), forces.across_std[i], 1.0) * load
-            tell(f"force_y_{where}", scale * across, jnp.hypot(rough, spread))
+            tell(f"force_y_{where}", scale * across, rss(rough, leads[1, i], biased, spread))
     low, middle, high = state.friction
     spread = joint.bank.std(state.bank, middle)
     for i, view in enumerate(VIEWS):

@@ -24,7 +24,7 @@ from roadstate.estimators.signals import (
     signed_direction,
 )
 from roadstate.filters import KF, FilterState, GateRule
-from roadstate.linalg import root
+from roadstate.linalg import root, rss
 from roadstate.statespace import StateSpaceModel
 
 if TYPE_CHECKING:
@@ -272,7 +272,7 @@ class KMBE(Estimator[KMBEState]):
         values = {"grade": grade, "speed": mean[0]}
         stds = {
             "grade": spread / (GRAVITY * jnp.cos(grade)),
-            "speed": jnp.hypot(std[0], self.speed_scale * mean[0]),
+            "speed": rss(std[0], self.speed_scale * mean[0]),
         }
         for i, name in ((3, "accel_x_bias"), (4, "altitude")):
             if len(self.model.states) > i:

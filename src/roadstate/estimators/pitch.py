@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float
 from roadstate.estimators.base import Sample, leaf
 from roadstate.estimators.intake import STALE
 from roadstate.estimators.signals import NEVER, Held
-from roadstate.linalg import root
+from roadstate.linalg import root, rss
 
 if TYPE_CHECKING:
     from roadstate.vehicles import Vehicle
@@ -137,10 +137,10 @@ class PitchMeter(eqx.Module):
         between = 0.5 * (rate.value + jnp.where(before.age < STALE, before.value, rate.value))
         roll = jnp.clip(bank[0] + self._roll_gradient * across, -0.5, 0.5)
         nose_up = (turning * jnp.sin(roll) - between) / jnp.cos(roll)
-        unsure = jnp.abs(turning) * jnp.hypot(bank[1], _ROLL_ERROR) * (2 * _ROLL_TIME) ** 0.5
+        unsure = jnp.abs(turning) * rss(bank[1], _ROLL_ERROR) * (2 * _ROLL_TIME) ** 0.5
         told = Pitching(
             rate=jnp.where(known, nose_up, 0.0),
-            intensity=jnp.where(known, jnp.hypot(self._noise * root(every), unsure), _UNSEEN),
+            intensity=jnp.where(known, rss(self._noise * root(every), unsure), _UNSEEN),
         )
         lately = jnp.where(meanwhile, state.heard, 0.0)
         heard = jnp.where(meanwhile, lately + jnp.where(seen, dt, 0.0), 0.0)

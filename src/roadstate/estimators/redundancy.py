@@ -15,6 +15,7 @@ from roadstate.estimators.axle_forces import AxleForces, steered_cosines
 from roadstate.estimators.base import leaf
 from roadstate.estimators.intake import ACCEL_X, ACCEL_Y, SPIN, STALE, STEER, YAW_RATE, Signals
 from roadstate.estimators.signals import Held
+from roadstate.linalg import rss
 
 if TYPE_CHECKING:
     from roadstate.vehicles import Vehicle
@@ -210,14 +211,14 @@ class Redundancy(eqx.Module):
         explained = forces.explained
         along = [smooth[ACCEL_X], wheels, explained]
         along_std = [
-            jnp.hypot(_ACCEL_X[0], _ACCEL_X[1] * smooth[ACCEL_X]),
+            rss(_ACCEL_X[0], _ACCEL_X[1] * smooth[ACCEL_X]),
             jnp.sqrt(
                 _WHEELS_ACCEL[0] ** 2
                 + (_WHEELS_ACCEL[1] * wheels) ** 2
                 + (_WHEELS_ACCEL[2] * speed * smooth[YAW_RATE]) ** 2
                 + apart
             ),
-            jnp.hypot(_TORQUE[0], _TORQUE[1] * explained) + jnp.where(forces.is_shifting, _TORQUE[2], 0.0),
+            rss(_TORQUE[0], _TORQUE[1] * explained) + jnp.where(forces.is_shifting, _TORQUE[2], 0.0),
         ]
         along_known = [
             known[ACCEL_X] & moves,
@@ -239,9 +240,9 @@ class Redundancy(eqx.Module):
         )
         turning = [smooth[YAW_RATE][None], pair, jnp.stack([by_side, by_steer])]
         turning_std = [
-            jnp.hypot(_GYRO[0], _GYRO[1] * smooth[YAW_RATE])[None],
-            jnp.hypot(_PAIR[0], rolling),
-            jnp.stack([jnp.hypot(_ACCEL_Y[0], _ACCEL_Y[1] * smooth[ACCEL_Y]) / jnp.abs(safe), steer_std]),
+            rss(_GYRO[0], _GYRO[1] * smooth[YAW_RATE])[None],
+            rss(_PAIR[0], rolling),
+            jnp.stack([rss(_ACCEL_Y[0], _ACCEL_Y[1] * smooth[ACCEL_Y]) / jnp.abs(safe), steer_std]),
         ]
         turning_known = [
             known[YAW_RATE][None],
@@ -255,7 +256,7 @@ class Redundancy(eqx.Module):
         rims_std = _WHEEL[0] + jnp.abs(speed) * (_WHEEL[1] + 2 * slip)
         free = (used < _HELD) & (excused <= 0)
         value = jnp.concatenate([jnp.stack(along), *turning, rims, signal.value[None]])
-        signal_std = jnp.hypot(_SPEED[0], _SPEED[1] * speed)
+        signal_std = rss(_SPEED[0], _SPEED[1] * speed)
         std = jnp.concatenate([jnp.stack(along_std), *turning_std, rims_std, signal_std[None]])
         is_known = jnp.concatenate(
             [

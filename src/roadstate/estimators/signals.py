@@ -12,6 +12,7 @@ from jaxtyping import Array, Bool, Float
 from roadstate.core.channels import WHEELS
 from roadstate.core.errors import InputError
 from roadstate.estimators.base import Sample
+from roadstate.linalg import rss
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -175,7 +176,7 @@ class SpeedMeter(eqx.Module):
                 rows.append(jnp.where(count > 0, mean, jnp.nan))
             speeds = jnp.stack(rows)
         slow = jnp.where(jnp.abs(speeds) < _DEAD_BAND, _DEAD_BAND_STD, 0.0)
-        return speeds, jnp.hypot(self._noise, slow)
+        return speeds, rss(self._noise, slow)
 
     def steer(self, sample: Sample) -> Float[Array, ""]:
         """Mean front road-wheel angle (rad) at this sample, NaN where missing or not measured."""

@@ -23,7 +23,7 @@ from roadstate.estimators.signals import STANDSTILL_SPEED, SpeedMeter, span
 from roadstate.estimators.tire_forces import DRIVE_GAIN, FORCE_X, FORCE_Y, YAW_RATE
 from roadstate.filters import FilterState, GateRule
 from roadstate.filters.marginal import MarginalUKF
-from roadstate.linalg import root
+from roadstate.linalg import root, rss
 from roadstate.statespace import StateSpaceModel
 from roadstate.vehicles import ThreeDofForces
 
@@ -238,7 +238,7 @@ class TFOBE(Estimator[TFOBEState]):
         validity = jnp.where(silent, int(Validity.SENSOR_MISSING), validity)
         validity = jnp.where(seen.ok & told.ok, validity, int(Validity.DIVERGED))
         turning = error * grade.gaussian.mean[2]
-        slow = jnp.hypot(forces.slow_std, turning)
+        slow = rss(forces.slow_std, turning)
         new = TFOBEState(lower, grade, speed_age, slow, error, validity)
         return new, _joined(seen, told, len(self.meter.sensors))
 
@@ -272,7 +272,7 @@ class TFOBE(Estimator[TFOBEState]):
         metered = meter_sample(sample, rolling, self.meter)
         speeds, std = self.meter.read(metered, now[YAW_RATE], forces.steer, direction)
         angle = now[FORCE_Y.start + 1] / self.rear_stiffness
-        error = jnp.abs(speed) * jnp.hypot(_SLIP_ANGLE_ERROR[0], _SLIP_ANGLE_ERROR[1] * angle) + 0.01
+        error = jnp.abs(speed) * rss(_SLIP_ANGLE_ERROR[0], _SLIP_ANGLE_ERROR[1] * angle) + 0.01
         lasting = jnp.sqrt(_MODEL_TIME / since)
         seen = jnp.isfinite(sample["yaw_rate"])
         lateral = jnp.where(seen, now[YAW_RATE] * vehicle.cg_to_rear_axle - jnp.abs(speed) * angle, jnp.nan)

@@ -18,7 +18,7 @@ from roadstate.estimators.intake import ACCEL_Y, SMOOTHING, SPIN, STALE, STEER, 
 from roadstate.estimators.sideways import SLIP_ERROR, Touch
 from roadstate.estimators.signals import NEVER
 from roadstate.estimators.traction import LEAST_BRAKING
-from roadstate.linalg import root
+from roadstate.linalg import root, rss
 
 if TYPE_CHECKING:
     from roadstate.vehicles import Vehicle
@@ -298,11 +298,11 @@ class TireContact(eqx.Module):
             across=across,
             along=along,
             slip=jnp.where(stale, 0.0, slip),
-            slip_std=jnp.hypot(SLIP_ERROR, _SLIP_LAG * slip_rate),
+            slip_std=rss(SLIP_ERROR, _SLIP_LAG * slip_rate),
             slip_noise=slip_noise,
             slip_shared=rolling[1],
-            across_std=jnp.hypot(forces.across_std, _LAG_ERROR * across_rate) + steered,
-            along_std=jnp.hypot(forces.along_std, _LAG_ERROR * along_rate) + unknown,
+            across_std=rss(forces.across_std, _LAG_ERROR * across_rate) + steered,
+            along_std=rss(forces.along_std, _LAG_ERROR * along_rate) + unknown,
             split_std=forces.along_std,
             shaken=shaken,
             transfer=transfer,

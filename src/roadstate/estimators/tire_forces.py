@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 from roadstate.core.channels import WHEELS
 from roadstate.core.constants import GRAVITY
 from roadstate.core.gaussian import Gaussian
-from roadstate.linalg import root
+from roadstate.linalg import root, rss
 from roadstate.statespace import StateSpaceModel
 from roadstate.vehicles import SevenDofForces, wheel_steer
 from roadstate.vehicles.kinematics import to_body
@@ -169,8 +169,8 @@ class TireForceModel(StateSpaceModel):
         mass, radius = self.vehicle.mass, self.vehicle.wheel_radius
         slow = self.slow_std * root(-jnp.expm1(-2 * dt / jnp.asarray(_TIMES, self.slow_std.dtype)))
         inertia = self.vehicle.wheel_inertia + u.engine
-        wheels = jnp.hypot(u.torque_noise, _SPIN * inertia / radius) / inertia
-        along = jnp.hypot(u.force_noise, 0.5 * _APART * mass)
+        wheels = rss(u.torque_noise, _SPIN * inertia / radius) / inertia
+        along = rss(u.force_noise, 0.5 * _APART * mass)
         across = jnp.full(2, _LATERAL_JERK / 2) * mass
         density = jnp.concatenate([jnp.full(1, _YAW), wheels, along, across])
         alike = jnp.zeros(_COUNT).at[FORCE_X].set(u.jerk / 4 * mass * root(dt))

@@ -34,7 +34,7 @@ from roadstate.estimators.signals import Held, span
 from roadstate.estimators.two_stage_settings import PRINTED, Settings, first_stage, second_stage
 from roadstate.estimators.velocity import STALE
 from roadstate.filters.base import Filter
-from roadstate.linalg import product, root
+from roadstate.linalg import product, root, rss
 from roadstate.tires import NormalizedDugoff, TireModel
 from roadstate.tires.smooth import safe_hypot
 from roadstate.vehicles import ThreeDofForces
@@ -230,7 +230,7 @@ class TwoStage(Estimator[TwoStageState]):
         used = state.used.take(jnp.where(measured, force, jnp.nan), dt)
         tire = self._learned(state, friction, u, self.forces.forces(known), contact, dt)
         mean, spread = mean_friction(self.filter.posterior(friction), self.model.of_wheel, ALL_WHEELS)
-        spread = jnp.hypot(spread, tire[0] * mean)
+        spread = rss(spread, tire[0] * mean)
         validity = jnp.where(spread < _KNOWN * mean, int(Validity.EXCITED), int(Validity.LOW_EXCITATION))
         validity = jnp.where(jnp.abs(speed) < SLOWEST, int(Validity.STANDSTILL), validity)
         validity = jnp.where(contact.age < _SILENT, validity, int(Validity.SENSOR_MISSING))
@@ -244,7 +244,7 @@ class TwoStage(Estimator[TwoStageState]):
         std: dict[str, Array] = {"friction_used": _USED_STD + _USED_WANDER * jnp.sqrt(state.used.age)}
         for i, (name, wheels) in enumerate(self.groups):
             mean, spread = mean_friction(gaussian, self.model.of_wheel, wheels)
-            spread = jnp.hypot(spread, jnp.hypot(self.tire_share, state.tire[i]) * mean)
+            spread = rss(spread, self.tire_share * mean, state.tire[i] * mean)
             values[name], std[name] = mean, spread
             values[f"{name}_lower"] = mean - _NORMAL_90 * spread
             values[f"{name}_upper"] = mean + _NORMAL_90 * spread
@@ -292,7 +292,7 @@ class TwoStage(Estimator[TwoStageState]):
         yaw_rate = state.yaw_rate.take(jnp.where(here, ahead + gain * jnp.where(here, away, 0), jnp.nan), dt)
         spread = root(0.5 * gain * self.forces.white_std[7] ** 2 + (yaw_std * step) ** 2 / (2 * gain))
         rate = [contact.accel[0] + v[1] * v[2], contact.accel[1] - v[0] * yaw_rate.value, yaw_accel]
-        std = jnp.stack([accel, jnp.hypot(accel, v[0] * spread), yaw_std])
+        std = jnp.stack([accel, rss(accel, v[0] * spread), yaw_std])
         return Moving(jnp.stack(rate), std), yaw_rate
 
     def _effects(self, steer: Float[Array, ""]) -> Float[Array, "3 8"]:

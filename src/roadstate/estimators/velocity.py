@@ -15,7 +15,7 @@ from roadstate.core.gaussian import Gaussian
 from roadstate.estimators.base import Sample, leaf
 from roadstate.estimators.signals import Held, SpeedMeter, signed_direction, span
 from roadstate.filters import KF, FilterState, GateRule
-from roadstate.linalg import root
+from roadstate.linalg import root, rss
 from roadstate.statespace import StateSpaceModel
 from roadstate.tires.smooth import safe_hypot
 
@@ -211,7 +211,7 @@ class VelocityObserver(eqx.Module):
             angle, spread = self._slip_angle(motion.accel_y / GRAVITY, friction)
             by_model = self._rear_arm * motion.yaw_rate - jnp.abs(before[0]) * angle
             told.append(jnp.where(motion.age < STALE, by_model, jnp.nan))
-            error = jnp.hypot(_MODEL_ANGLE, spread)
+            error = rss(_MODEL_ANGLE, spread)
             stds.append((jnp.abs(before[0]) + 1.0) * error * jnp.sqrt(_MODEL_TIME / step))
         u = _Input(
             motion.accel_x,
