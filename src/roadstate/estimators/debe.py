@@ -254,6 +254,7 @@ class DEBE(Estimator[DEBEState]):
         intensity = rss(
             _MODEL_NOISE,
             drive.torque_std / self.mass * _TORQUE_TIME**0.5,
+            drive.held_noise / self.mass,
             drive.brake_std / self.mass * _BRAKE_TIME**0.5,
             jnp.where(drive.is_shifting, UNKNOWN["shift"], 0.0),
             jnp.where(unknown | unseen.may_act, UNKNOWN["brake"], 0.0),

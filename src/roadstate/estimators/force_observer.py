@@ -246,7 +246,7 @@ class ForceObserver(eqx.Module):
         rim = car.mass * car.wheel_radius[0]
         is_open = jnp.where(drive.is_shifting, UNKNOWN["shift"], 0.0)
         lost = jnp.where(drive.age < _STALE, is_open, UNKNOWN["drive"]) * rim
-        white = drive.torque_std * car.wheel_radius[0] * _TORQUE_TIME**0.5
+        white = rss(drive.torque_std * _TORQUE_TIME**0.5, drive.held_noise) * car.wheel_radius[0]
         # what does not depend on the torques, gusts at first: twice the relative change of the wind
         gust = 2 * car.drag(speed) / car.mass / jnp.maximum(jnp.abs(speed), 1.0) * _GUST
         model = rss(_UNEVEN, gust) * rim
