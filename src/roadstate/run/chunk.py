@@ -83,10 +83,11 @@ def scan_steps(
         put = jax.lax.dynamic_update_index_in_dim
         return state, jax.tree.map(lambda rows, new: put(rows, new, i, axis=0), work[1], row)
 
-    state = layout.unpack(packed)
-    shapes = jax.eval_shape(step, state, 0)[1]
+    state, begin = layout.unpack(packed), jnp.zeros((), int)
+    step = eqx.filter_closure_convert(step, state, begin)  # traced once, for the shapes and for the loop
+    shapes = step.out_struct[1]  # type: ignore[attr-defined]
     rows = jax.tree.map(lambda one: jnp.zeros((len(dt), *one.shape), one.dtype), shapes)
-    state, rows = jax.lax.fori_loop(0, count, body, (state, rows))
+    state, rows = jax.lax.fori_loop(begin, count, body, (state, rows))
     return layout.pack(state), rows
 
 
