@@ -62,7 +62,7 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
     sharp = joint.bank.cornering(state.bank) / jnp.maximum(jnp.abs(mean[SPEED]), SLOWEST)
     sway = sharp * side_std[V_Y]
     uneven = _UNEVEN * jnp.min(forces.shaken) / root(jnp.maximum(jnp.abs(mean[SPEED]), 1.0))
-    unsure = root((std[SLOPE] / GRAVITY) ** 2 + sway**2 + uneven**2)
+    unsure = rss(std[SLOPE] / GRAVITY, sway, uneven)
     tell("grade", grade, unsure / jnp.cos(grade))
     tell("speed", mean[SPEED], rss(std[SPEED], joint.speed_scale * mean[SPEED]))
     tell("accel_x_bias", mean[BIAS], std[BIAS])
@@ -124,7 +124,7 @@ def _along(joint: Joint, state: JointState, scale: Array) -> tuple[Array, Array]
     mass = joint.forces.car.mass
     aside = std[names.index("mounting_yaw")] * forces.accel[1] if "mounting_yaw" in names else 0.0
     if "mass" not in names:
-        lasting = root(std[BIAS] ** 2 + (std[SCALE] * forces.accel[0]) ** 2 + aside**2)
+        lasting = rss(std[BIAS], std[SCALE] * forces.accel[0], aside)
         return measured, mass * lasting * by_axle(joint.forces.driven)
     parts = {"drive_gain": forces.drive, "brake_gain": -forces.brake, "resistance": -forces.rolling}
     if "torque_zero" in names:
@@ -153,6 +153,6 @@ def _used(
     """Friction used by the whole car, and 1σ; ``lasting`` (2,) 1σ of what the forces err by for long, N."""
     straight, across = jnp.sum(along), jnp.sum(lateral)
     load = jnp.sum(forces.load)
-    used = root(straight**2 + across**2) / load
+    used = rss(straight, across) / load
     unsure = root(jnp.sum(leads**2) + jnp.sum(lasting**2)) / load
     return used, jnp.sqrt(0.0025**2 + (0.02 * used) ** 2 + unsure**2)
