@@ -11,8 +11,9 @@ from jaxtyping import Array, Float
 from roadstate.core.kernel import once
 from roadstate.estimators.contact import Contact
 from roadstate.estimators.friction_states import FrictionStates
+from roadstate.linalg import rss
 from roadstate.tires import NormalizedDugoff
-from roadstate.tires.smooth import Numbers, safe_hypot
+from roadstate.tires.smooth import Numbers
 from roadstate.vehicles.kinematics import to_body, wheel_slips, wheel_steer, wheel_velocities
 from roadstate.vehicles.three_dof_contact import ThreeDofContact
 
@@ -88,7 +89,7 @@ class FrictionModel(FrictionStates):
         """
         slip, angle, load = self.forces_of(contact)
         force = self.vehicle.tire.forces(slip, angle, load, jnp.ones_like(load), contact.velocity[0])
-        used = safe_hypot(force.F_x, force.F_y) / jnp.maximum(load, 1.0)
+        used = rss(force.F_x, force.F_y) / jnp.maximum(load, 1.0)
         return self.tire_error(ratio, used, load, is_proportional=self.is_proportional)
 
     def caused(self, x: Float[Array, " n"], u: FrictionInput) -> Float[Array, " 3"]:

@@ -13,9 +13,8 @@ from roadstate.estimators.friction_states import FrictionStates
 from roadstate.filters.base import FilterState
 from roadstate.filters.marginal import MarginalUKF
 from roadstate.filters.noise import WithNoise
-from roadstate.linalg import product, root, tria
+from roadstate.linalg import product, root, rss, tria
 from roadstate.statespace import StateSpaceModel
-from roadstate.tires.smooth import safe_hypot
 
 YAW_NOISE = 0.05
 """rad/s/√s: what forces do not tell of ṙ."""
@@ -67,7 +66,7 @@ class FrictionOfForces(FrictionStates):
 
     def sqrt_Q(self, u: ForcesInput, dt: Float[Array, ""]) -> Float[Array, "n q"]:
         """Random walks along the way, and for the yaw rate what the forces get wrong."""
-        return self.wander(u.distance, dt, safe_hypot(jnp.asarray(YAW_NOISE), u.yaw_std * root(dt)))
+        return self.wander(u.distance, dt, rss(YAW_NOISE, u.yaw_std * root(dt)))
 
     def sqrt_R(self, u: ForcesInput) -> Float[Array, "m m"]:
         """White noise of the sensors."""

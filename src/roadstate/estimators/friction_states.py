@@ -11,9 +11,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from roadstate.core.gaussian import Gaussian
-from roadstate.linalg import root, tria
+from roadstate.linalg import root, rss, tria
 from roadstate.statespace import StateSpaceModel
-from roadstate.tires.smooth import safe_hypot
 
 _STIFFNESS = 0.1  # 1σ of a tire's stiffness, as a share of it
 _FAINTEST = 0.05  # of a force's elasticity in friction; below it nothing is learned anyway
@@ -89,8 +88,8 @@ class FrictionStates(StateSpaceModel):
             jump: 1σ of a change of all frictions, over and above the random walk.
         """
         moves = jnp.where(dt > 0, 1.0, 0.0)
-        size = safe_hypot(self.walk * root(jnp.abs(distance)), self.step_std * moves)
-        size = size.at[0].set(safe_hypot(size[0], jump * moves))
+        size = rss(self.walk * root(jnp.abs(distance)), self.step_std * moves)
+        size = size.at[0].set(rss(size[0], jump * moves))
         return self._spread(size, yaw_noise * root(dt))
 
     def _spread(self, size: Float[Array, " 2"], yaw: Float[Array, ""]) -> Float[Array, "n q"]:

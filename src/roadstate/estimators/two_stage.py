@@ -36,7 +36,6 @@ from roadstate.estimators.velocity import STALE
 from roadstate.filters.base import Filter
 from roadstate.linalg import product, root, rss
 from roadstate.tires import NormalizedDugoff, TireModel
-from roadstate.tires.smooth import safe_hypot
 from roadstate.vehicles import ThreeDofForces
 from roadstate.vehicles.kinematics import to_body, wheel_steer
 
@@ -321,7 +320,7 @@ class TwoStage(Estimator[TwoStageState]):
             return state.tire
         vehicle, of_wheel = self.forces.vehicle, self.model.of_wheel
         load = vehicle.wheel_loads(contact.accel[0], contact.accel[1])
-        used = safe_hypot(normalized[:4], normalized[4:]) / jnp.maximum(load, 1.0)
+        used = rss(normalized[:4], normalized[4:]) / jnp.maximum(load, 1.0)
         before, after = self.filter.posterior(state.friction), self.filter.posterior(friction)
         walk = self.model.sqrt_Q(u, dt)
         found = []

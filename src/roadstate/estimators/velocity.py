@@ -17,7 +17,6 @@ from roadstate.estimators.signals import Held, SpeedMeter, signed_direction, spa
 from roadstate.filters import KF, FilterState, GateRule
 from roadstate.linalg import root, rss
 from roadstate.statespace import StateSpaceModel
-from roadstate.tires.smooth import safe_hypot
 
 if TYPE_CHECKING:
     from roadstate.vehicles import Vehicle
@@ -203,7 +202,7 @@ class VelocityObserver(eqx.Module):
             )
             told += list(speeds)
             since = span(state.age, dt, STALE)
-            stds += list(safe_hypot(spread, slip * jnp.sqrt(_SLIP_TIME / since)))
+            stds += list(rss(spread, slip * jnp.sqrt(_SLIP_TIME / since)))
         told = [jnp.where(jnp.isfinite(value), value, jnp.nan) for value in told]
         along = [v for v, sensor in zip(told, self._model.sensors, strict=False) if sensor != "velocity_y"]
         heard = jnp.any(jnp.isfinite(jnp.stack(along)))
@@ -240,4 +239,4 @@ class VelocityObserver(eqx.Module):
 
         mu = jnp.maximum(friction[0], _LEAST_FRICTION)
         slope = angle(mu) - angle(jnp.maximum(mu - friction[1], 0.5 * mu))
-        return angle(mu), safe_hypot(_MODEL_SHARE * angle(mu), slope)
+        return angle(mu), rss(_MODEL_SHARE * angle(mu), slope)
