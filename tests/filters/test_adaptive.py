@@ -175,6 +175,22 @@ def test_nothing_is_learned_before_there_is_enough_nor_without_excitement() -> N
     assert after(200)[2] == 1
 
 
+@pytest.mark.parametrize("length", [5, 15, 19])
+def test_a_window_that_holds_less_than_the_minimum_is_enough_when_full(length: int) -> None:
+    """It never was: and where it held more than half of it, now and then."""
+    model, u, dt = steady(200)
+    z = 100 * np.random.default_rng(0).normal(size=(200, 1))
+    method = AdaptiveEKF(average=Window(length), minimum=20)
+
+    def after(count: int) -> float:
+        rows = jax.tree.map(lambda a: a[:count], u)
+        last = run_jit(method, model, rows, jnp.asarray(z[:count]), dt[:count])[2]
+        return float(method.noise_scale(last)[0])
+
+    assert after(length - 1) == 1
+    assert all(after(count) > 2 for count in (length, 2 * length - 1, 2 * length, 3 * length + 1))
+
+
 def test_what_the_gate_refuses_teaches_nothing() -> None:
     model, u, dt = steady(200)
     z = np.random.default_rng(0).normal(size=(200, 1))

@@ -134,7 +134,7 @@ class AdaptiveNoise(Filter[AdaptiveState]):
     def _learned(self, average: AverageState, nominal: Float[Array, "m m"]) -> Float[Array, "m m"]:
         """A factor of R̂."""
         mean, second = jnp.split(self.average.mean(average), [1])
-        enough = average.taken[0] >= self.minimum
+        enough = self.average.is_filled(average, self.minimum)[0]
         if self.centered:
             second = (second - (mean.T * mean if self.full else mean**2)) * unbiased(self.average)
         if not self.full:

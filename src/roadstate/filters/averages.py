@@ -41,6 +41,10 @@ class Average(eqx.Module):
     def span(self) -> float:
         """Over how many values it averages: 1/Σ weight², once there were enough."""
 
+    def is_filled(self, state: AverageState, least: int) -> Bool[Array, "*shape"]:
+        """Where ``least`` values were seen, or as many as it can tell apart if that is fewer."""
+        return state.taken >= least
+
     @abstractmethod
     def mean(self, state: AverageState) -> Float[Array, "*shape"]:
         """Mean per entry; 0 where nothing was seen."""
@@ -82,6 +86,10 @@ class Window(Average):
         count = state.taken + fresh
         count = jnp.where(count >= 2 * self.length, count - self.length, count)
         return AverageState(jnp.where(here, value, state.kept), count)
+
+    def is_filled(self, state: AverageState, least: int) -> Bool[Array, "*shape"]:
+        """Where ``least`` values were seen, or the window is full if it holds fewer."""
+        return state.taken >= min(least, self.length)
 
     def mean(self, state: AverageState) -> Float[Array, "*shape"]:
         """Mean per entry; summed anew each time, so that no rounding builds up."""

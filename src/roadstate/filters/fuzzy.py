@@ -126,7 +126,7 @@ class FuzzyNoise(eqx.Module):
         actual = (square - mean**2) * unbiased(self.average)
         larger = jnp.maximum(actual, theory)
         change = self.rate * self.respond((actual - theory) / jnp.where(larger > 0, larger, 1))
-        moves = fresh & (average.taken[0] >= self.minimum)
+        moves = fresh & self.average.is_filled(average, self.minimum)[0]
         log_scale = jnp.clip(
             state.log_scale + jnp.where(moves, change, 0), log(self.floor), log(self.ceiling)
         )
