@@ -37,6 +37,18 @@ def test_dispersion_joins_logs() -> None:
     assert parts == pytest.approx(dispersion([scores], [time]), rel=1e-6)
 
 
+def test_a_break_adds_nothing_to_the_dispersion() -> None:
+    """However long: the sample after it counted once for each ten seconds of it."""
+    random = np.random.default_rng(4)
+    scores = random.normal(size=(1, 1200))
+    scores[0, 600] = 30.0
+    time = np.arange(1200) / 10
+    found = [dispersion([scores], [np.where(time < 60, time, time + gap)]) for gap in (600.0, 36000.0)]
+    assert found[0] == pytest.approx(found[1], rel=0.01)
+    halves = dispersion([scores[:, :600], scores[:, 600:]], [time[:600], time[600:]])
+    assert found[0] == pytest.approx(halves, rel=0.35)
+
+
 def test_covariance_of_an_exact_model_is_the_posterior() -> None:
     H = np.array([[5.0, 2.0], [2.0, 3.0]])
     assert covariance(H, H, ALL) == pytest.approx(np.linalg.inv(H + np.eye(2)))

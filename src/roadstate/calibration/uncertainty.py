@@ -33,7 +33,8 @@ def dispersion(scores: Sequence[Numbers], times: Sequence[Numbers]) -> Numbers:
     sums = []
     for score, time in zip(scores, times, strict=True):
         count = max(round((time[-1] - time[0]) / BLOCK), 1)
-        edges = np.searchsorted(time, np.linspace(time[0], time[-1], count + 1)[:-1])
+        # where a break is longer than a block, there are some without any sample
+        edges = np.unique(np.searchsorted(time, np.linspace(time[0], time[-1], count + 1)[:-1]))
         sums.append(np.add.reduceat(score, edges, axis=1))
     blocks = np.concatenate(sums, axis=1)
     count = blocks.shape[1]
