@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from calibration_case import SPEED_NOISE, with_mass
 
-from roadstate.calibration import Calibration, Learned, calibrate
+from roadstate.calibration import Calibration, Learned, calibrate, fit
 from roadstate.core import InputError, Log
 from roadstate.vehicles import Vehicle
 
@@ -27,6 +27,25 @@ def test_mass_is_learned_and_what_hardly_shows_is_not(car: Vehicle, hilly: Log) 
     assert found.refused == {"aerodynamics.drag_coefficient": "hardly shows in these data"}
     assert found.vehicle.mass == mass.value
     assert found.vehicle.aerodynamics == told.aerodynamics
+
+
+def test_a_mass_owes_its_uncertainty_to_the_wheels_radius_as_well(
+    car: Vehicle, hilly: Log, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def learned(told: Vehicle) -> Learned:
+        (mass,) = calibrate(told, {"drive": hilly}, ["mass"], estimator="debe").learned
+        return mass
+
+    whole = learned(car)
+    monkeypatch.setattr(fit, "_BESIDE", {})
+    larger = car.wheels.radius * np.exp(car.sensors.wheel_speed.scale)
+    alone = learned(car)
+    moved = learned(car.model_copy(update={"wheels": car.wheels.model_copy(update={"radius": larger})}))
+    shift = np.log(moved.value / alone.value)
+    assert whole.value == alone.value
+    assert shift < -0.5 * car.sensors.wheel_speed.scale
+    added = np.sqrt(whole.relative**2 - alone.relative**2)
+    assert added == pytest.approx(abs(shift), rel=0.3)
 
 
 def test_without_the_prior_less_is_left_of_the_error(car: Vehicle, level: Log) -> None:

@@ -30,8 +30,9 @@ _NEAR = 0.02  # squared distance to the optimum, in standard deviations, that is
 _LONGEST = 2.0  # prior standard deviations of one step
 _EDGE = 1e-6
 # Figures of a section hang on these groups' as well. A car's bends tell its tires by how fast it turns in: a
-# yaw inertia 7.5 % too large, or a mass too small, makes them 2.5 to 3.5 % stiffer.
-_BESIDE: Mapping[str, tuple[str, ...]] = {"tires": ("inertia", "mass")}
+# yaw inertia 7.5 % too large, or a mass too small, makes them 2.5 to 3.5 % stiffer. The force of a torque,
+# and so the mass that it moves, is as exact as the radius at which it pushes.
+_BESIDE: Mapping[str, tuple[str, ...]] = {"tires": ("inertia", "mass"), "mass": ("radius",)}
 _FAR = 0.5  # prior standard deviations from where the curvature was taken, from which on it is taken anew
 _DAMPING = (0.3, 8.0, 1e4)  # the first, its growth, and where to give up
 
