@@ -57,3 +57,6 @@ def test_refusals_name_the_mismatch() -> None:
         batch([one, one], [log])
     with pytest.raises(InputError, match="not built alike"):
         batch([one, other], [log, log])
+    for wrong in ({"together": 0}, {"together": -1}, {"workers": 0}, {"workers": -1}):
+        with pytest.raises(InputError, match=f"{next(iter(wrong))}: .*; give 1 or more"):
+            batch(one, [log], **wrong)

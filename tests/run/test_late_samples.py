@@ -215,8 +215,18 @@ class TestRefusals:
         with pytest.raises(InputError, match=r"^speed: .* is no number; leave it out$"):
             Stream(Odometer()).push(0.0, {"yaw_rate": 0.0, "speed": value})
 
-    @pytest.mark.parametrize("window", [-1.0, NAN, np.inf])
-    def test_a_window_that_is_none(self, window: float) -> None:
+    @pytest.mark.parametrize("sample", [None, [1.0], 3.0])
+    def test_a_sample_that_is_none(self, sample: Any) -> None:
+        with pytest.raises(InputError, match=r"a sample that is .*; give channels with their values"):
+            Stream(Odometer()).push(0.0, sample)
+
+    def test_the_state_of_another(self) -> None:
+        stream = Stream(Odometer())
+        with pytest.raises(InputError, match="the state of another estimator"):
+            stream.state = {kind: np.zeros(99) for kind in stream.state}
+
+    @pytest.mark.parametrize("window", [-1.0, NAN, np.inf, "a", [1.0]])
+    def test_a_window_that_is_none(self, window: Any) -> None:
         with pytest.raises(InputError, match=r"a window of .* s; give a finite time"):
             Stream(Odometer(), window=window)
 

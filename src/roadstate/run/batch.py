@@ -66,11 +66,14 @@ def batch(
         progress: called with (logs done, logs) after every group.
 
     Raises:
-        InputError: no logs, a number of estimators that differs from that of logs, or estimators not built
-            alike.
+        InputError: no logs, a number of estimators that differs from that of logs, estimators not built
+            alike, or less than one log together or one thread.
     """
     if not logs:
         raise InputError("no logs to run over")
+    for what, number in (("together", together), ("workers", workers)):
+        if number is not None and number < 1:
+            raise InputError(f"{what}: {number}", mend="give 1 or more, or None")
     each = [estimators] * len(logs) if isinstance(estimators, Estimator) else list(estimators)
     if len(each) != len(logs):
         raise InputError(f"{len(each)} estimators for {len(logs)} logs", mend="give one, or one for each log")

@@ -100,7 +100,7 @@ class Stream:
     def __init__(
         self, estimator: Estimator[Any], *, window: float | None = None, capacity: int = 1000
     ) -> None:
-        if window is not None and not 0 <= window < inf:
+        if window is not None and not (_is_number(window) and 0 <= float(window) < inf):
             raise InputError(f"a window of {window} s", mend="give a finite time of 0 s or more, or None")
         if capacity < 1:
             raise InputError(f"a capacity of {capacity} samples", mend="give 1 or more")
@@ -134,11 +134,17 @@ class Stream:
         """All the estimator remembers, one vector per dtype; with ``time`` it may be kept and put back.
 
         Setting it empties the window; :meth:`save` keeps that too.
+
+        Raises:
+            InputError: when set, to one that another estimator remembers.
         """
         return self._head.state
 
     @state.setter
     def state(self, state: dict[str, Any]) -> None:
+        own, given = ({kind: np.shape(v) for kind, v in s.items()} for s in (self.state, state))
+        if own != given:
+            raise InputError("the state of another estimator", mend=f"give vectors of {own}")
         self._set(self._head._replace(state=state))
 
     def push(self, time: float, sample: Mapping[str, float]) -> Estimate:
@@ -233,6 +239,8 @@ class Stream:
 
     def _values(self, sample: Mapping[str, float]) -> list[float]:
         channels = self._estimator.channels
+        if not isinstance(sample, Mapping):
+            raise InputError(f"a sample that is {sample!r}", mend="give channels with their values")
         try:
             return [float(sample.get(c, nan)) for c in channels]
         except (TypeError, ValueError) as error:
