@@ -28,6 +28,14 @@ for its padding.
 """
 
 
+LONGEST_BREAK = 300.0
+"""Seconds between two samples for which an estimator goes on with what it knew.
+
+A longer break counts as one of this length: the road is another one by then, and what may have changed
+besides, nobody saw. A model that is carried on over hours in a single step says nothing, and may overflow.
+"""
+
+
 class Row(NamedTuple):
     """What one step leaves behind."""
 
@@ -92,10 +100,11 @@ def scan_steps(
 
 
 def inputs(estimator: Estimator[Any], log: Log) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(T, c) samples of the estimator's channels, NaN where the log has none, and (T,) steps in s."""
+    """(T, c) samples of the estimator's channels, NaN where the log has none, and (T,) steps in s, of which
+    none is longer than :data:`LONGEST_BREAK`."""
     missing = np.full(len(log), np.nan)
     samples = np.stack([log.channels.get(c, missing) for c in estimator.channels], axis=1)
-    return samples, np.diff(log.time, prepend=log.time[0])
+    return samples, np.minimum(np.diff(log.time, prepend=log.time[0]), LONGEST_BREAK)
 
 
 def cut(

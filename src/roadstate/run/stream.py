@@ -21,7 +21,7 @@ from roadstate.core.kernel import one_kernel
 from roadstate.core.numerics import loop_options
 from roadstate.core.packing import Layout
 from roadstate.estimators.base import Estimate, Estimator
-from roadstate.run.chunk import advance, start
+from roadstate.run.chunk import LONGEST_BREAK, advance, start
 from roadstate.run.saved import Saved, load, save
 
 
@@ -248,7 +248,7 @@ class Stream:
             raise InputError(f"{sample[wrong]!r} is no number", where=wrong, mend="leave it out") from error
 
     def _advance(self, before: Step, time: float, values: list[float]) -> tuple[Step, Estimate]:
-        dt = 0.0 if isnan(before.time) else time - before.time
+        dt = 0.0 if isnan(before.time) else min(time - before.time, LONGEST_BREAK)
         state, estimate = self._step(self._leaves, before.state, np.array([dt, *values]))
         return Step(time, values, state), estimate
 
