@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, NamedTuple, Self, TypeVar
 
 import equinox as eqx
@@ -12,7 +12,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from roadstate.core.channels import CHANNELS
+from roadstate.core.errors import InputError
 from roadstate.core.gaussian import Info
+from roadstate.filters.base import Filter
 
 if TYPE_CHECKING:
     from roadstate.vehicles.parameters import Vehicle
@@ -73,6 +75,34 @@ class Smoothable(NamedTuple):
     quantities: tuple[str, ...]
 
 
+def known_only(given: Collection[str], known: Collection[str]) -> None:
+    """Refuse settings that there are not.
+
+    Raises:
+        InputError: for the first of ``given`` that is not ``known``.
+    """
+    for name in given:
+        if name not in known:
+            listed = f"known: {', '.join(known)}" if known else "there are none"
+            raise InputError(f"no setting is called '{name}'", mend=listed)
+
+
+F = TypeVar("F", bound=Filter[Any])
+
+
+def with_options(kind: type[F], options: Mapping[str, Any]) -> F:
+    """A filter set as ``options`` say.
+
+    Raises:
+        InputError: it has no such option, or refuses its value.
+    """
+    known_only(options, [field.name for field in fields(kind)])
+    try:
+        return kind(**options)
+    except ValueError as error:
+        raise InputError(str(error), where="filter_options") from error
+
+
 S = TypeVar("S")
 
 
@@ -113,7 +143,8 @@ class Estimator(eqx.Module, Generic[S]):
         """Compose the estimator for a vehicle and the channels that are there.
 
         Raises:
-            InputError: a need is not met, or the vehicle file lacks what the estimator uses.
+            InputError: a need is not met, the vehicle file lacks what the estimator uses, or there is no such
+                option.
         """
 
     @abstractmethod

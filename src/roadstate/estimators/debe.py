@@ -15,8 +15,9 @@ from roadstate.core.channels import WHEELS
 from roadstate.core.constants import GRAVITY
 from roadstate.core.estimates import Validity
 from roadstate.core.gaussian import Gaussian, Info
+from roadstate.estimators.astray import is_astray, led_back
 from roadstate.estimators.axle_forces import held_back
-from roadstate.estimators.base import Estimate, Estimator, Need, Sample, Smoothable, leaf
+from roadstate.estimators.base import Estimate, Estimator, Need, Sample, Smoothable, known_only, leaf
 from roadstate.estimators.road import GradePrior
 from roadstate.estimators.signals import (
     STANDSTILL_SPEED,
@@ -184,6 +185,7 @@ class DEBE(Estimator[DEBEState]):
         Raises:
             InputError: engine torque without a gear ratio or engine speed on a car with several gears.
         """
+        known_only(options, ())
         meter = SpeedMeter(vehicle, available)
         traction = TractionMeter(vehicle, available)
         tires, prior = vehicle.tires, vehicle.prior
@@ -276,6 +278,9 @@ class DEBE(Estimator[DEBEState]):
             sensor_std=speed_std,
         )
         filter_state, info = self.filter.step(self.model, state.filter, u, speeds, dt)
+        mean = filter_state.gaussian.mean
+        astray = is_astray(filter_state.gaussian, mean[0], GRAVITY * mean[1])
+        filter_state = led_back(astray, self.model.prior(), filter_state)
         speed_age = jnp.where(jnp.any(jnp.isfinite(speeds)), 0.0, state.speed_age + dt)
         validity = jnp.where(drive.is_shifting, int(Validity.GEAR_SHIFT), int(Validity.EXCITED))
         validity = jnp.where(braking, int(Validity.BRAKING), validity)
@@ -283,7 +288,7 @@ class DEBE(Estimator[DEBEState]):
             jnp.abs(filter_state.gaussian.mean[0]) < STANDSTILL_SPEED, int(Validity.STANDSTILL), validity
         )
         validity = jnp.where(known & (speed_age < _SILENT), validity, int(Validity.SENSOR_MISSING))
-        validity = jnp.where(info.ok, validity, int(Validity.DIVERGED))
+        validity = jnp.where(info.ok & ~astray, validity, int(Validity.DIVERGED))
         error = jnp.sqrt(
             (self.drive_relative * drive.drive_force / (self.mass * GRAVITY)) ** 2
             + (self.drag_relative * self.model.drag * speed**2 / GRAVITY) ** 2

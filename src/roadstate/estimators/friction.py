@@ -18,9 +18,19 @@ from roadstate.core.errors import InputError
 from roadstate.core.estimates import Validity
 from roadstate.core.gaussian import Info
 from roadstate.core.kernel import once
-from roadstate.estimators.base import Estimate, Estimator, Need, Sample, leaf
+from roadstate.estimators.astray import unspoilt
+from roadstate.estimators.base import Estimate, Estimator, Need, Sample, known_only, leaf
 from roadstate.estimators.contact import NEEDS, OPTIONAL, Contact, ContactMeter, ContactState
-from roadstate.estimators.friction_groups import mean_friction, mean_weights, reported
+from roadstate.estimators.friction_groups import (
+    NORMAL_90,
+    USED_STD,
+    mean_friction,
+    mean_weights,
+    reported,
+    used_std,
+    validity_of,
+    within_reason,
+)
 from roadstate.estimators.friction_model import FrictionInput, FrictionModel
 from roadstate.estimators.friction_states import share_learned
 from roadstate.estimators.signals import Held, span
@@ -35,7 +45,6 @@ if TYPE_CHECKING:
     from roadstate.vehicles import Vehicle
 
 _SLOWEST = 1.5  # m/s: below it slips say nothing
-_SILENT = 1.0  # s without what the contact is made of after which nothing is known
 _ERROR_TIME = 0.3  # s: correlation time of what the inputs and the tire get wrong
 _DRIFT_TIME = 1.0  # s: the same of velocities and steering, whose errors drift
 _BIAS_TIME = 1.0  # s: the same of the accelerometers' bias, whose share in a drive's forces changes
@@ -43,13 +52,8 @@ _TIRE_SHARE = 0.1  # 1σ of a tire model's force, as a share of it, of what chan
 _DOUBTLESS = 0.04  # keeps the doubt about a force that is nothing but error below 10⁴ times its variance
 _LEAST_STEP = 1e-3  # s
 _YAW_NOISE = 0.05  # rad/s/√s
-_KNOWN = 0.15  # 1σ over μ up to which friction counts as determined
-_USED_STD = 0.01  # of the used friction, from what the accelerometers' place and the air do
 _PROVEN_WAY = 20.0  # m over which it is forgotten how much friction was used
 _LEAST = 0.1  # no road that a car drives on has less
-_MOST = 1.5  # no road has more
-_USED_WANDER = 0.3  # 1/√s: how the used friction wanders while not measured
-_NORMAL_90 = 1.6449  # two-sided 90 % of a normal distribution
 _TINY = 1e-6
 _ROWS = ("accel_x", "accel_y", "yaw_accel", "yaw_rate")
 
@@ -173,11 +177,7 @@ class FrictionEstimator(Estimator[FrictionState]):
             InputError: a grouping or a setting that there is not.
         """
         chosen = cls.printed() if as_printed else cls.usual()
-        unknown = [name for name in settings if name not in Settings._fields]
-        if unknown:
-            raise InputError(
-                f"no setting is called '{unknown[0]}'", mend=f"known: {', '.join(Settings._fields)}"
-            )
+        known_only(settings, Settings._fields)
         chosen = chosen._replace(**settings)
         meter = ContactMeter(vehicle, available, direct=chosen.direct)
         family = grouped("friction", chosen.grouping, "grouping")
@@ -254,18 +254,19 @@ class FrictionEstimator(Estimator[FrictionState]):
         force = jnp.sqrt(jnp.sum(contact.accel**2) + 1e-12) / GRAVITY
         used = state.used.take(jnp.where(measured, force, jnp.nan), dt)
         proven = state.proven * jnp.exp(-jnp.abs(u.distance) / _PROVEN_WAY)
-        proven = jnp.where(measured, jnp.maximum(proven, force - _NORMAL_90 * _USED_STD), proven)
+        proven = jnp.where(measured, jnp.maximum(proven, force - NORMAL_90 * USED_STD), proven)
         yaw_rate = state.yaw_rate.take(sample["yaw_rate"], dt)
         tire = self._learned(state, filter_state, u, dt)
         mean, spread = self._friction(filter_state, "friction_peak")
         spread = jnp.sqrt(spread**2 + (tire * mean) ** 2)
-        validity = jnp.where(spread < _KNOWN * mean, int(Validity.EXCITED), int(Validity.LOW_EXCITATION))
-        validity = jnp.where(jnp.abs(speed) < _SLOWEST, int(Validity.STANDSTILL), validity)
-        validity = jnp.where(contact.age < _SILENT, validity, int(Validity.SENSOR_MISSING))
-        validity = jnp.where(info.ok, validity, int(Validity.DIVERGED))
+        stands = jnp.abs(speed) < _SLOWEST
+        validity = validity_of(mean, spread, stands=stands, age=contact.age, ok=info.ok)
         speed_std = rss(contact.std[0], self.meter.speed_scale * speed)
         velocity = jnp.append(contact.velocity[:2], jnp.stack([speed_std, contact.std[1]]))
-        return FrictionState(filter_state, meter, yaw_rate, used, proven, tire, velocity, validity), info
+        new = FrictionState(filter_state, meter, yaw_rate, used, proven, tire, velocity, validity)
+        return unspoilt(
+            new, self.init(), self.filter.posterior(filter_state), used.value, proven, tire, velocity
+        ), info
 
     def estimate(self, state: FrictionState) -> Estimate:
         """Peak friction of the car, of its groups, with bounds; and the friction used.
@@ -275,19 +276,15 @@ class FrictionEstimator(Estimator[FrictionState]):
         """
         values: dict[str, Array] = {}
         std: dict[str, Array] = {}
-        used_std = _USED_STD + _USED_WANDER * jnp.sqrt(state.used.age)
-        values["friction_used"], std["friction_used"] = state.used.value, used_std
+        values["friction_used"], std["friction_used"] = state.used.value, used_std(state.used)
         for i, name in enumerate(("speed", "velocity_y")):
             values[name], std[name] = state.velocity[i], state.velocity[2 + i]
         for name, _ in self.groups:
             mean, spread = self._friction(state.filter, name)
             spread = jnp.sqrt(spread**2 + (state.tire * mean) ** 2)
             proven = state.proven if name == "friction_peak" and not self.has_own_noise else 0.0
-            value = jnp.clip(mean, proven, _MOST)
-            least = jnp.maximum(mean - _NORMAL_90 * spread, proven)
-            values[name], std[name] = value, spread
-            values[f"{name}_lower"] = jnp.minimum(least, value)
-            values[f"{name}_upper"] = jnp.clip(mean + _NORMAL_90 * spread, value, _MOST)
+            values[name], low, high = within_reason(mean, spread, proven)
+            std[name], values[f"{name}_lower"], values[f"{name}_upper"] = spread, low, high
         return Estimate(values, std, state.validity)
 
     def weights(self, quantity: str, like: Array) -> Float[Array, " n"]:
@@ -349,7 +346,7 @@ class FrictionEstimator(Estimator[FrictionState]):
         yaw = jnp.sqrt(_YAW_NOISE**2 + doubt[2] * _ERROR_TIME * jnp.sum(columns[2] ** 2))
         mean, spread = self._friction(state.filter, "friction_peak")
         # more was used than there was: the road is another
-        jump = jnp.where(state.proven > mean + _NORMAL_90 * spread, model.std[0], 0.0)
+        jump = jnp.where(state.proven > mean + NORMAL_90 * spread, model.std[0], 0.0)
         return FrictionInput(contact, distance, sqrt_R, yaw, shares if model.is_proportional else None, jump)
 
     def _learned(

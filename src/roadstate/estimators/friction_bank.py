@@ -15,6 +15,7 @@ from roadstate.core.constants import GRAVITY
 from roadstate.core.kernel import once
 from roadstate.core.numerics import in_default, in_single
 from roadstate.estimators import slip_jump
+from roadstate.estimators.astray import are_possible
 from roadstate.estimators.base import leaf
 from roadstate.estimators.friction_curve import Grip, bounded, theoretical_slip
 from roadstate.estimators.friction_wheels import Aside, Wheels
@@ -322,7 +323,8 @@ class FrictionBank(eqx.Module):
         found = joins * jnp.tile(jnp.sum(p[:, _SIDES], axis=0), (2, 1))
         p = p.at[:, _WHEELS].multiply(1 - joins).at[slip_jump.STAYS, _WHEELS].add(found)
         born = -jnp.expm1(-_JUMP * distance) * self.prior
-        p = once(slip_jump.moved(once(p), born[None], dt))
+        # what has none left could be what the next sample says
+        p = once(jnp.maximum(slip_jump.moved(once(p), born[None], dt), _FLOOR))
         whole = once(jnp.sum(p, axis=0))
         new = born / jnp.maximum(whole, _FLOOR)
         x, P = inherit(state.x, state.P, whole[0], new[0])
@@ -354,6 +356,10 @@ class FrictionBank(eqx.Module):
         left = [t.innovation - jnp.sum(t.row * (x - t.at), axis=0) for t in told]
         noises = jnp.stack([t.noise + (_BEND * t.bend) ** 2 for t in told])
         return moments(*at_once(x, P, *once((rows, jnp.stack(left), noises))), weight)
+
+    def is_sound(self, state: BankState) -> Bool[Array, ""]:
+        """Whether what it weighs and says are numbers that a car may have."""
+        return are_possible(*state.merged, jnp.sum(state.weight, axis=(0, 2)))
 
     def cornering(self, state: BankState) -> Array:
         """Mean of |F_y/F_z| of the axles, slowed; 0 where nothing tells of it."""

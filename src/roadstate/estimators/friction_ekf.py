@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any, ClassVar
 
+from roadstate.estimators.base import with_options
 from roadstate.estimators.friction import FrictionEstimator, Settings
 from roadstate.estimators.lm_aekf import PRINTED
 from roadstate.filters import EKF, GateRule
@@ -28,4 +29,4 @@ class FrictionEKF(FrictionEstimator):
     @classmethod
     def make_filter(cls, settings: Settings, *, as_printed: bool, **options: Any) -> Filter[Any]:
         """The extended filter."""
-        return EKF(**({"gate": None if as_printed else GateRule()} | options))
+        return with_options(EKF, {"gate": None if as_printed else GateRule()} | options)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any, ClassVar
 
+from roadstate.estimators.base import with_options
 from roadstate.estimators.friction import FrictionEstimator, Settings
 from roadstate.filters.base import Filter
 from roadstate.filters.jitter import Regularization
@@ -36,4 +37,4 @@ class FrictionPF(FrictionEstimator):
         usual: dict[str, Any] = {"particles": 500}
         if not as_printed:
             usual["jitter"] = Regularization()
-        return ParticleFilter(**(usual | options))
+        return with_options(ParticleFilter, usual | options)

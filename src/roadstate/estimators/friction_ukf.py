@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any, ClassVar
 
+from roadstate.estimators.base import with_options
 from roadstate.estimators.friction import FrictionEstimator, Settings
 from roadstate.filters import UKF, GateRule
 from roadstate.filters.base import Filter
@@ -26,4 +27,4 @@ class FrictionUKF(FrictionEstimator):
     @classmethod
     def make_filter(cls, settings: Settings, *, as_printed: bool, **options: Any) -> Filter[Any]:
         """The unscented filter."""
-        return UKF(**({"gate": None if as_printed else GateRule()} | options))
+        return with_options(UKF, {"gate": None if as_printed else GateRule()} | options)

@@ -18,8 +18,9 @@ from roadstate.core.gaussian import Info
 from roadstate.core.kernel import once
 from roadstate.estimators.along import BIAS, SCALE, SLOPE, SPEED, AlongModel
 from roadstate.estimators.along_input import AlongIntake
+from roadstate.estimators.astray import is_astray
 from roadstate.estimators.axle_forces import AxleForces
-from roadstate.estimators.base import Estimate, Estimator, Need, Sample, Smoothable, leaf
+from roadstate.estimators.base import Estimate, Estimator, Need, Sample, Smoothable, known_only, leaf
 from roadstate.estimators.contact_forces import ForceMeter, ForceMeterState
 from roadstate.estimators.friction_bank import BankState, FrictionBank
 from roadstate.estimators.intake import (
@@ -62,7 +63,6 @@ _LAGS = 0.1  # s by which the accelerometer may be late when the gyroscope is no
 _PATIENCE = 300  # samples for which a spinning or locked wheel may be refused
 _CONFIRMED = 3.0  # samples of a speed signal, in a row, that wheels confirm and the filter contradicts
 _ROLLED = 0.2  # s for which wheels that roll freely contradict it, which count as much as one of these
-_STEEPEST = 4.5  # m/s²: no road is so steep
 _ALIKE = (0.3, 0.03)  # m/s, and share of it, by which both may then differ
 _WRONG = 1.0  # m/s by which the filter must
 _MAY_SLIP = 0.5  # m/s² from which on all wheels may spin or lock, and a signal that is the wheels' with them
@@ -170,6 +170,7 @@ class Joint(Estimator[JointState]):
     @classmethod
     def build(cls, vehicle: Vehicle, available: Collection[str], **options: Any) -> Self:
         """Compose for a vehicle and the channels there."""
+        known_only(options, ())
         signals, forces = Intake(vehicle, available), ForceMeter(vehicle, available)
         model = AlongModel(vehicle, available, torque_of=forces.torque_of)
         aids = tuple(c for c in ("speed", "altitude", "vertical_speed", "pitch_rate") if c in available)
@@ -273,13 +274,14 @@ class Joint(Estimator[JointState]):
         against = self._against(state.against, sample, seen, rolls, speed, forces.accel[0])
         contradicted = jnp.where(jnp.abs(rolls - speed) > _WRONG, state.against + dt / _ROLLED, 0.0)
         against = jnp.where(contact.rolls, contradicted, against)
-        lost = (against >= _CONFIRMED) | turned | (jnp.abs(along.gaussian.mean[SLOPE]) > _STEEPEST)
+        astray = is_astray(along.gaussian, speed, along.gaussian.mean[SLOPE])
+        lost = (against >= _CONFIRMED) | turned | astray
         # what was learnt from a sensor that lies may be wrong
         spoilt = jnp.any(found & (GROUP != YAW)) | self._freezes(state, held, raw) | lost
         begin = jnp.where(lost, rolls, speed)
         along = along._replace(gaussian=self.along.doubt(along.gaussian, spoilt, begin))
         doubt = jnp.where(jnp.any(verdict.lies) | caught, _AFRESH, state.doubt - dt)
-        afresh = doubt > 0
+        afresh = (doubt > 0) | ~self.bank.is_sound(bank)
         bank = once(jax.tree.map(lambda new, kept: jnp.where(afresh, new, kept), self.bank.init(), bank))
         speed_age = jnp.where(jnp.any(jnp.isfinite(z) & tells), 0.0, state.speed_age + dt)
         refused = along.rejected > 0

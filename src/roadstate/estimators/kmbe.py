@@ -14,7 +14,8 @@ from jaxtyping import Array, Float, Int
 from roadstate.core.constants import GRAVITY
 from roadstate.core.estimates import Validity
 from roadstate.core.gaussian import Gaussian, Info
-from roadstate.estimators.base import Estimate, Estimator, Need, Sample, Smoothable, leaf
+from roadstate.estimators.astray import is_astray, led_back
+from roadstate.estimators.base import Estimate, Estimator, Need, Sample, Smoothable, known_only, leaf
 from roadstate.estimators.road import GradePrior
 from roadstate.estimators.signals import (
     STANDSTILL_SPEED,
@@ -180,8 +181,12 @@ class KMBE(Estimator[KMBEState]):
         Args:
             vehicle: geometry, pitch gradient and sensors' noise are used.
             available: canonical channels with samples.
-            options: ``bias`` (default: whether ``vertical_speed`` or ``altitude`` is there).
+            options: there are none.
+
+        Raises:
+            InputError: there is no speed, or an option is given.
         """
+        known_only(options, ())
         meter = SpeedMeter(vehicle, available)
         aiding = [c for c in ("vertical_speed", "altitude") if c in available]
         states = ["speed", "specific_grade", "specific_grade_rate"]
@@ -253,12 +258,15 @@ class KMBE(Estimator[KMBEState]):
         aiding = [sample[c] for c in self.sensors[len(speeds) :]]
         z = jnp.concatenate([speeds, jnp.stack(aiding)]) if aiding else speeds
         filter_state, info = self.filter.step(self.model, state.filter, u, z, dt)
+        mean = filter_state.gaussian.mean
+        astray = is_astray(filter_state.gaussian, mean[0], mean[1])
+        filter_state = led_back(astray, self.model.prior(), filter_state)
         speed_age = jnp.where(jnp.any(jnp.isfinite(speeds)), 0.0, state.speed_age + dt)
         stands = jnp.abs(filter_state.gaussian.mean[0]) < STANDSTILL_SPEED
         silent = (speed_age > _SILENT) | (accel.age > _SILENT)
         validity = jnp.where(stands, Validity.STANDSTILL, Validity.EXCITED)
         validity = jnp.where(silent, Validity.SENSOR_MISSING, validity)
-        validity = jnp.where(info.ok, validity, Validity.DIVERGED)
+        validity = jnp.where(info.ok & ~astray, validity, Validity.DIVERGED)
         return KMBEState(filter_state, accel, yaw_rate, steer, gear, speed_age, validity), info
 
     def estimate(self, state: KMBEState) -> Estimate:

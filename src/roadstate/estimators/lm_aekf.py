@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any, ClassVar
 
+from roadstate.estimators.base import with_options
 from roadstate.estimators.friction import FrictionEstimator, Settings
 from roadstate.filters import GateRule, LimitedMemoryEKF
 from roadstate.filters.base import Filter
@@ -42,4 +43,4 @@ class LimitedMemoryFriction(FrictionEstimator):
         if settings.sensor_std is None:
             gate = GateRule(patience=3)
             usual = {"memory": 100, "least_share": 0.5, "fuzzy": FuzzyNoise(floor=1.0), "gate": gate}
-        return LimitedMemoryEKF(**(usual | options))
+        return with_options(LimitedMemoryEKF, usual | options)

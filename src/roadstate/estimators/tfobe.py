@@ -16,12 +16,14 @@ from roadstate.core.constants import GRAVITY
 from roadstate.core.estimates import Validity
 from roadstate.core.gaussian import Gaussian, Info
 from roadstate.core.kernel import once
-from roadstate.estimators.base import Estimate, Estimator, Need, Sample, Smoothable, leaf
+from roadstate.estimators.astray import is_astray, led_back
+from roadstate.estimators.base import Estimate, Estimator, Need, Sample, Smoothable, known_only, leaf
 from roadstate.estimators.force_observer import FELT, ForceObserver, Forces, ForceState, meter_sample
 from roadstate.estimators.road import GradePrior
 from roadstate.estimators.signals import STANDSTILL_SPEED, SpeedMeter, span
 from roadstate.estimators.tire_forces import DRIVE_GAIN, FORCE_X, FORCE_Y, YAW_RATE
 from roadstate.filters import FilterState, GateRule
+from roadstate.filters.base import is_finite
 from roadstate.filters.marginal import MarginalUKF
 from roadstate.linalg import root, rss
 from roadstate.statespace import StateSpaceModel
@@ -185,6 +187,7 @@ class TFOBE(Estimator[TFOBEState]):
         Raises:
             InputError: engine torque without a gear ratio or engine speed on a car with several gears.
         """
+        known_only(options, ())
         meter, observer = SpeedMeter(vehicle, available), ForceObserver(vehicle, available)
         prior, sensors = vehicle.prior, vehicle.sensors
         model = GradeModel(
@@ -229,6 +232,11 @@ class TFOBE(Estimator[TFOBEState]):
         since = span(state.forces.held["yaw_rate"].age, dt, _MODEL_TIME)
         u, z, error = self._upper(forces, sample, before, now, x, since)
         grade, told = self.filter.step(self.model, state.grade, u, z, dt)
+        mean = grade.gaussian.mean
+        astray = is_astray(grade.gaussian, mean[0], GRAVITY * mean[3]) | ~is_finite(lower.filter.gaussian)
+        # what the lower layer has learnt may come from what led the upper one there
+        lower = lower._replace(filter=led_back(astray, self.observer.model.prior(), lower.filter))
+        grade = led_back(astray, self.model.prior(), grade)
         speed_age = jnp.where(jnp.any(forces.is_seen), 0.0, state.speed_age + dt)
         validity = jnp.where(forces.is_shifting, int(Validity.GEAR_SHIFT), int(Validity.EXCITED))
         validity = jnp.where(forces.is_brake_unknown, int(Validity.BRAKING), validity)
@@ -236,7 +244,7 @@ class TFOBE(Estimator[TFOBEState]):
         validity = jnp.where(stands, int(Validity.STANDSTILL), validity)
         silent = jnp.maximum(forces.age, speed_age) >= _SILENT
         validity = jnp.where(silent, int(Validity.SENSOR_MISSING), validity)
-        validity = jnp.where(seen.ok & told.ok, validity, int(Validity.DIVERGED))
+        validity = jnp.where(seen.ok & told.ok & ~astray, validity, int(Validity.DIVERGED))
         turning = error * grade.gaussian.mean[2]
         slow = rss(forces.slow_std, turning)
         new = TFOBEState(lower, grade, speed_age, slow, error, validity)

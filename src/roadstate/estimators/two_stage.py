@@ -13,11 +13,11 @@ from jaxtyping import Array, Float, Int
 from roadstate.assembly.rows import grouped
 from roadstate.core.channels import WHEELS
 from roadstate.core.constants import GRAVITY
-from roadstate.core.errors import InputError
 from roadstate.core.estimates import Validity
 from roadstate.core.gaussian import Info
 from roadstate.core.kernel import once
-from roadstate.estimators.base import Estimate, Estimator, Need, Sample, leaf
+from roadstate.estimators.astray import unspoilt
+from roadstate.estimators.base import Estimate, Estimator, Need, Sample, known_only, leaf
 from roadstate.estimators.contact import NEEDS, OPTIONAL, Contact, ContactMeter, ContactState
 from roadstate.estimators.force_filter import (
     SLOWEST,
@@ -27,7 +27,15 @@ from roadstate.estimators.force_filter import (
     Moving,
     from_channels,
 )
-from roadstate.estimators.friction_groups import ALL_WHEELS, mean_friction, mean_weights, reported
+from roadstate.estimators.friction_groups import (
+    ALL_WHEELS,
+    mean_friction,
+    mean_weights,
+    reported,
+    used_std,
+    validity_of,
+    within_reason,
+)
 from roadstate.estimators.friction_of_forces import YAW_NOISE, ForcesInput, FrictionOfForces
 from roadstate.estimators.friction_states import share_learned
 from roadstate.estimators.signals import Held, span
@@ -45,12 +53,7 @@ if TYPE_CHECKING:
 _ERROR_TIME = 0.3  # s: how long what is not white noise lasts
 _BIAS_TIME = 1.0  # s: the same of the accelerometers' bias, whose share in a drive's forces changes
 _TIRE_SHARE = 0.1  # 1σ of a tire model's force, as a share of it
-_SILENT = 1.0  # s without what the contact is made of after which nothing is known
-_KNOWN = 0.15  # 1σ over μ up to which friction counts as determined
 _LEAST_FRICTION = 0.02
-_USED_STD = 0.01  # of the friction used, from what the accelerometers' place and the air do
-_USED_WANDER = 0.3  # 1/√s: how the friction used wanders while not measured
-_NORMAL_90 = 1.6449  # two-sided 90 % of a normal distribution
 _TINY = 1e-6
 _MOST_DOUBT = 30.0
 _LEAST_STEP = 1e-3  # s
@@ -145,11 +148,7 @@ class TwoStage(Estimator[TwoStageState]):
         Raises:
             InputError: a grouping or a setting that there is not.
         """
-        unknown = [name for name in settings if name not in Settings._fields]
-        if unknown:
-            raise InputError(
-                f"no setting is called '{unknown[0]}'", mend=f"known: {', '.join(Settings._fields)}"
-            )
+        known_only(settings, Settings._fields)
         chosen = (PRINTED if as_printed else Settings())._replace(**settings)
         meter = ContactMeter(vehicle, available, direct=chosen.direct, steer_std=chosen.steer_std[0])
         family = grouped("friction", chosen.grouping, "grouping")
@@ -228,25 +227,24 @@ class TwoStage(Estimator[TwoStageState]):
         force = jnp.sqrt(jnp.sum(contact.accel**2) + 1e-12) / GRAVITY
         used = state.used.take(jnp.where(measured, force, jnp.nan), dt)
         tire = self._learned(state, friction, u, self.forces.forces(known), contact, dt)
-        mean, spread = mean_friction(self.filter.posterior(friction), self.model.of_wheel, ALL_WHEELS)
+        after = self.filter.posterior(friction)
+        mean, spread = mean_friction(after, self.model.of_wheel, ALL_WHEELS)
         spread = rss(spread, tire[0] * mean)
-        validity = jnp.where(spread < _KNOWN * mean, int(Validity.EXCITED), int(Validity.LOW_EXCITATION))
-        validity = jnp.where(jnp.abs(speed) < SLOWEST, int(Validity.STANDSTILL), validity)
-        validity = jnp.where(contact.age < _SILENT, validity, int(Validity.SENSOR_MISSING))
-        validity = jnp.where(info.ok & ok, validity, int(Validity.DIVERGED))
-        return TwoStageState(meter, yaw_rate, forces, friction, used, tire, validity), info
+        stands = jnp.abs(speed) < SLOWEST
+        validity = validity_of(mean, spread, stands=stands, age=contact.age, ok=info.ok & ok)
+        new = TwoStageState(meter, yaw_rate, forces, friction, used, tire, validity)
+        return unspoilt(new, self.init(), after, forces, used.value, tire, contact.velocity), info
 
     def estimate(self, state: TwoStageState) -> Estimate:
         """Forces of wheels and axles, peak friction of the car and its groups with bounds, friction used."""
         gaussian = self.filter.posterior(state.friction)
         values: dict[str, Array] = {"friction_used": state.used.value}
-        std: dict[str, Array] = {"friction_used": _USED_STD + _USED_WANDER * jnp.sqrt(state.used.age)}
+        std: dict[str, Array] = {"friction_used": used_std(state.used)}
         for i, (name, wheels) in enumerate(self.groups):
             mean, spread = mean_friction(gaussian, self.model.of_wheel, wheels)
             spread = rss(spread, self.tire_share * mean, state.tire[i] * mean)
-            values[name], std[name] = mean, spread
-            values[f"{name}_lower"] = mean - _NORMAL_90 * spread
-            values[f"{name}_upper"] = mean + _NORMAL_90 * spread
+            values[name], low, high = within_reason(mean, spread)
+            std[name], values[f"{name}_lower"], values[f"{name}_upper"] = spread, low, high
         force, error = self.forces.everywhere(state.forces)
         friction = self.model.friction(gaussian.mean)
         doubt = self.model.friction(gaussian.std)

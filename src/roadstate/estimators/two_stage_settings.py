@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from roadstate.assembly.rows import Grouping
-from roadstate.estimators.base import leaf
+from roadstate.estimators.base import leaf, with_options
 from roadstate.estimators.contact import STEER_STD
 from roadstate.estimators.force_filter import ForceFilter, ForceModel, channel_loads
 from roadstate.estimators.friction import normalized_tire
@@ -140,7 +140,7 @@ def second_stage(chosen: Settings, as_printed: bool, options: dict[str, Any]) ->
             "ceiling": 1e3,
             "excited": _teaches,
         }
-    return AdaptiveNoise(filter=inner, **(usual | options)) if chosen.adapts else inner
+    return with_options(AdaptiveNoise, {"filter": inner} | usual | options) if chosen.adapts else inner
 
 
 def _teaches(model: Any, x: Float[Array, " n"], u: ForcesInput) -> Bool[Array, " m"]:

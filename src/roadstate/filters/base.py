@@ -105,11 +105,13 @@ def examine(
     return gate(jnp.where(present, innovation, 0) ** 2 / variance, present, rejected)
 
 
-def _is_finite(gaussian: Gaussian) -> Bool[Array, ""]:
+def is_finite(gaussian: Gaussian) -> Bool[Array, ""]:
+    """Whether a Gaussian is free of NaN and infinity."""
     return jnp.all(jnp.isfinite(gaussian.mean)) & jnp.all(jnp.isfinite(gaussian.factor))
 
 
-def _select(condition: Bool[Array, ""], one: T, other: T) -> T:
+def select(condition: Bool[Array, ""], one: T, other: T) -> T:
+    """One state or the other, which are built alike."""
     return cast(T, jax.tree.map(lambda a, b: jnp.where(condition, a, b), one, other))
 
 
@@ -148,20 +150,20 @@ class Filter(eqx.Module, Generic[S]):
         """
         ahead = self.predict(model, state, u, dt)
         finite = self._is_finite(ahead)
-        updated, info = self._update_if(finite, model, _select(finite, ahead, state), u, z)
+        updated, info = self._update_if(finite, model, select(finite, ahead, state), u, z)
         reason = jnp.where(finite, info.reason, Reason.NOT_FINITE)
         return updated, replace(info, ok=info.ok & finite, reason=reason)
 
     def _is_finite(self, state: S) -> Bool[Array, ""]:
         """Whether a predicted state is free of NaN and infinity."""
-        return _is_finite(self.posterior(state))
+        return is_finite(self.posterior(state))
 
     def _update_if(
         self, sound: Bool[Array, ""], model: StateSpaceModel, state: S, u: Any, z: Float[Array, " m"]
     ) -> tuple[S, Info]:
         """:meth:`update`, whose state counts only where ``sound``: else it stays as it is."""
         updated, info = self.update(model, state, u, z)
-        return _select(sound, updated, state), info
+        return select(sound, updated, state), info
 
 
 class GaussianFilter(Filter[FilterState]):
@@ -202,8 +204,8 @@ class GaussianFilter(Filter[FilterState]):
         used, codes, rejected = examine(self.gate, innovation, jnp.diagonal(S), state.rejected)
         result = correct(state_rows, sensor_rows, sqrt_R, innovation, used)
         posterior = Gaussian(state.gaussian.mean + result.delta, result.factor)
-        finite = _is_finite(posterior)
-        posterior = _select(finite, posterior, state.gaussian)
+        finite = is_finite(posterior)
+        posterior = select(finite, posterior, state.gaussian)
         any_used = jnp.any(used)
         reason = jnp.where(finite, jnp.where(any_used, Reason.OK, Reason.NO_MEASUREMENT), Reason.NOT_FINITE)
         count = jnp.sum(used)

@@ -1,0 +1,65 @@
+"""A filter that is where no car and no road can be: it has gone astray, and begins anew."""
+
+from __future__ import annotations
+
+from typing import Any, TypeVar
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from roadstate.core.estimates import Validity
+from roadstate.core.gaussian import Gaussian
+from roadstate.filters import FilterState
+from roadstate.filters.base import is_finite, select
+
+T = TypeVar("T", bound=Any)
+
+FASTEST = 150.0
+"""m/s: no car is so fast."""
+STEEPEST = 4.5
+"""m/s² of gravity along it: no road is so steep."""
+_LARGEST = 1e7  # no figure of a car is so large in SI units, nor the 1σ of one
+
+
+def is_astray(
+    gaussian: Gaussian, speed: Float[Array, ""], slope: Float[Array, ""] | float = 0.0
+) -> Bool[Array, ""]:
+    """Whether a filter tells what cannot be.
+
+    Left there it may never come back: a sine is the same a turn further, an explicit step in a drag that
+    grows with the square of the speed runs away beyond some 10⁵ m/s, and no sample mends an infinite
+    covariance.
+
+    Args:
+        gaussian: what it holds.
+        speed: of it, m/s.
+        slope: of it, m/s²; of an angle that may go round, g times the angle.
+    """
+    # written so that NaN is astray
+    possible = (jnp.abs(speed) < FASTEST) & (jnp.abs(slope) < STEEPEST)
+    return ~(possible & is_finite(gaussian))
+
+
+def led_back(astray: Bool[Array, ""], prior: Gaussian, state: FilterState) -> FilterState:
+    """The filter at its prior, with clear gates, where it has gone astray; else as it is."""
+    rejected = jnp.where(astray, 0, state.rejected)
+    return state._replace(gaussian=select(astray, prior, state.gaussian), rejected=rejected)
+
+
+def are_possible(*figures: Any) -> Bool[Array, ""]:
+    """Whether all numbers in these trees of arrays are some that a car may have, in SI units."""
+    # written so that NaN is not
+    return jnp.all(jnp.asarray([jnp.all(jnp.abs(f) < _LARGEST) for f in jax.tree.leaves(figures)]))
+
+
+def unspoilt(new: T, first: T, *figures: Any) -> T:
+    """The new state of an estimator; where not all ``figures`` are possible its first one, called diverged.
+
+    Args:
+        new, first: states, each a named tuple with a ``validity``.
+        figures: trees of arrays, of the new one.
+    """
+    diverged = jnp.full_like(first.validity, int(Validity.DIVERGED))
+    begun: T = first._replace(validity=diverged)
+    return select(are_possible(*figures), new, begun)
