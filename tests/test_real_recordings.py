@@ -50,7 +50,6 @@ def test_debe_knows_what_it_does_not_know(comma: tuple[Log, Vehicle]) -> None:
     assert row["coverage"] > 0.9
 
 
-@pytest.mark.usefixtures("optimised")
 def test_bumps_are_not_taken_for_ice(comma: tuple[Log, Vehicle]) -> None:
     """Streets in summer, driven with less than 0.2, and wheels that slip for a tenth of a second on bumps."""
     found = of_friction(*comma, "joint")
