@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from roadstate.core import WHEELS, Estimates, InputError, Log, Validity
+from roadstate.core.constants import GRAVITY
 from roadstate.estimators import build
 from roadstate.estimators.astray import FASTEST, STEEPEST
 from roadstate.run import Stream, scan
@@ -76,6 +77,23 @@ def test_a_fault_that_is_over_is_forgotten(
     assert (said.validity[late] != Validity.DIVERGED).all()
 
 
+@pytest.mark.parametrize("name", ["debe", "kmbe", "tfobe", "friction-ukf", "two-stage"])
+@pytest.mark.parametrize("value", [-64.0, 327.67, 1e6])
+def test_inputs_that_no_car_makes_are_missing_ones(
+    vehicle: Vehicle, log: Log, name: str, value: float
+) -> None:
+    """A gate refuses a wild measurement; an accelerometer that moves the state was believed."""
+    estimator = build(name, vehicle, log.available)
+    codes = [c for c in ("accel_x", "drive_torque_fl") if c == "accel_x" or value == 1e6]
+    hit = (log.time >= 5) & (log.time < 5.1)
+    said, without = (
+        scan(estimator, log.with_channels({c: np.where(hit, put, log[c]) for c in codes}))
+        for put in (value, np.nan)
+    )
+    for quantity, values in without.values.items():
+        np.testing.assert_allclose(said.values[quantity], values, rtol=1e-9, atol=1e-9, err_msg=quantity)
+
+
 def test_an_estimator_that_has_gone_astray_says_so(vehicle: Vehicle, log: Log) -> None:
     said = scan(build("debe", vehicle, log.available), broken(log, STANDING, 2.0))
     away = log.time[said.validity == Validity.DIVERGED]
@@ -116,6 +134,21 @@ def test_a_longer_break_counts_as_one_of_five_minutes(vehicle: Vehicle, log: Log
         now = stream.push(long.time[i], {c: v[i] for c, v in log.channels.items()})
     again = scan(estimator, Log(long.time[1490:1510], {c: v[1490:1510] for c, v in log.channels.items()}))
     assert float(now.std["speed"]) == pytest.approx(again.std["speed"][-1], rel=1e-12)
+
+
+def test_a_gyroscope_tells_what_is_used_in_bends_where_no_accelerometer_does(
+    vehicle: Vehicle, log: Log
+) -> None:
+    """Its 1σ was .3 of the load, on a straight road as well."""
+    across = log["accel_y"]
+    blind = log.with_channels({"accel_y": np.full(len(TIME), np.nan)})
+    said = scan(build("joint", vehicle, log.available), blind)
+    late = TIME > 5
+    used = np.hypot(np.gradient(SPEED, TIME) + GRAVITY * np.sin(GRADE), across)[late] / GRAVITY
+    std = said.std["friction_used"][late]
+    assert used.max() > 0.2
+    assert 0.03 < std.min() <= std.max() < 0.06
+    assert np.mean(np.abs(said.values["friction_used"][late] - used) < 1.96 * std) > 0.95
 
 
 @pytest.mark.parametrize("name", ["friction-ukf", "friction-ekf", "lm-aekf", "two-stage"])

@@ -95,6 +95,20 @@ def test_a_bend_is_no_slope_whichever_way_it_is_driven(vehicle: Vehicle, name: s
     assert np.abs(np.mean(said.values["grade"][-500:])) < 0.008
 
 
+@pytest.mark.parametrize("name", ["joint", "tfobe", "debe", "kmbe"])
+def test_a_gear_says_which_way_unsigned_wheels_roll(vehicle: Vehicle, name: str) -> None:
+    """Also where torques come at the wheels, and no gear is asked for them."""
+    log = driven(vehicle, BACKWARD * (7 - 2 * np.cos(np.pi * np.arange(0, 24, STEP) / 3)), 0.0)
+    wheels = [f"wheel_speed_{w}" for w in WHEELS]
+    said, signed = (
+        said_of(name, vehicle, each) for each in (log.with_channels({c: np.abs(log[c]) for c in wheels}), log)
+    )
+    np.testing.assert_allclose(
+        said.values["speed"][BEGINS:], signed.values["speed"][BEGINS:], rtol=0, atol=0.02
+    )
+    assert np.abs(said.values["grade"] - signed.values["grade"])[BEGINS:].max() < 0.003
+
+
 @pytest.mark.parametrize("direction", [FORWARD, BACKWARD])
 @pytest.mark.parametrize("curvature", [0.0, 0.05])
 @pytest.mark.parametrize("name", ["joint", "tfobe", "debe"])

@@ -23,6 +23,7 @@ from roadstate.estimators.signals import (
     STANDSTILL_SPEED,
     Held,
     SpeedMeter,
+    believable,
     random_walk_growth,
     signed_direction,
     way,
@@ -111,6 +112,7 @@ class DEBEState(NamedTuple):
     yaw_rate: Held
     steer: Held
     accel: Held
+    gear_ratio: Held
     brakes: BrakeWatch
     speed_age: Float[Array, ""]
     force_error: Float[Array, ""]
@@ -154,7 +156,7 @@ class DEBE(Estimator[DEBEState]):
         ),
     )
     optional: ClassVar[tuple[str, ...]] = (
-        *("yaw_rate", "steer", "steering_wheel", "accel_x", "brake"),
+        *("yaw_rate", "steer", "steering_wheel", "accel_x", "gear_ratio", "brake"),
         *(f"{kind}_{w}" for kind in ("brake_torque", "brake_pressure") for w in WHEELS),
     )
     smoothable: ClassVar[Smoothable | None] = Smoothable("filter", "filter", ("grade", "speed"))
@@ -229,15 +231,16 @@ class DEBE(Estimator[DEBEState]):
         validity = jnp.asarray(int(Validity.SENSOR_MISSING))
         start = self.filter.init(self.model)
         traction, brakes = self.traction.init(), BrakeWatch.none()
-        return DEBEState(start, traction, empty, empty, empty, brakes, empty.age, zero, validity)
+        return DEBEState(start, traction, empty, empty, empty, empty, brakes, empty.age, zero, validity)
 
     def step(self, state: DEBEState, sample: Sample, dt: Float[Array, ""]) -> tuple[DEBEState, Info]:
         """Predict with the drive's force, correct with the speed."""
-        nothing = jnp.full((), jnp.nan)
+        nothing, sample = jnp.full((), jnp.nan), believable(sample)
         speed, grade = state.filter.gaussian.mean[0], state.filter.gaussian.mean[1]
         yaw_rate = state.yaw_rate.take(sample.get("yaw_rate", nothing), dt)
         steer = state.steer.take(self.meter.steer(sample), dt)
         accel = state.accel.take(sample.get("accel_x", nothing), dt)
+        gear = state.gear_ratio.take(sample.get("gear_ratio", nothing), dt)
         traction_state, drive = self.traction.read(state.traction, sample, speed, dt)
         lateral = speed * jnp.where(yaw_rate.age < _STALE, yaw_rate.value, 0.0)
         cornering = self.cornering_drag * lateral**2 / GRAVITY * jnp.tanh(speed / STANDSTILL_SPEED)
@@ -263,11 +266,11 @@ class DEBE(Estimator[DEBEState]):
             jnp.where(known & ~stands, 0.0, UNKNOWN["drive"]),
         )
         share = self.mass / drive.inertia
-        direction = signed_direction(
-            traction_state.held["gear_ratio"].value if self.traction.source == "gear" else nothing
-        )
         speeds, speed_std = self.meter.read(
-            sample, jnp.where(yaw_rate.age < _STALE, yaw_rate.value, 0.0), steer.value, direction
+            sample,
+            jnp.where(yaw_rate.age < _STALE, yaw_rate.value, 0.0),
+            steer.value,
+            signed_direction(gear.value),
         )
         u = _Input(
             accel=share * (push - cornering),
@@ -296,7 +299,7 @@ class DEBE(Estimator[DEBEState]):
             + jnp.where(watch.coasting & (not self.traction.knows_brakes), _UNSEEN_BRAKE / GRAVITY, 0.0) ** 2
         )
         new = DEBEState(
-            filter_state, traction_state, yaw_rate, steer, accel, watch, speed_age, error, validity
+            filter_state, traction_state, yaw_rate, steer, accel, gear, watch, speed_age, error, validity
         )
         return new, info
 

@@ -33,7 +33,7 @@ from roadstate.estimators.friction_groups import (
 )
 from roadstate.estimators.friction_model import FrictionInput, FrictionModel
 from roadstate.estimators.friction_states import share_learned
-from roadstate.estimators.signals import Held, span
+from roadstate.estimators.signals import Held, believable, span
 from roadstate.estimators.velocity import STALE
 from roadstate.filters.base import Filter
 from roadstate.linalg import rss, tria
@@ -247,6 +247,7 @@ class FrictionEstimator(Estimator[FrictionState]):
 
     def step(self, state: FrictionState, sample: Sample, dt: Float[Array, ""]) -> tuple[FrictionState, Info]:
         """Find the contact, then predict and correct with what is measured."""
+        sample = believable(sample)
         u, z, meter = self.told(state, sample, dt)
         contact, speed = u.contact, u.contact.velocity[0]
         filter_state, info = self.filter.step(self.model, state.filter, u, z, dt)

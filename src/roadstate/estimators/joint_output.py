@@ -9,12 +9,13 @@ import numpy as np
 from jaxtyping import Array, Bool
 
 from roadstate.core.constants import GRAVITY
+from roadstate.core.numerics import in_default
 from roadstate.estimators.along import BIAS, SCALE, SLOPE, SPEED
 from roadstate.estimators.axle_forces import AxleForces, by_axle
 from roadstate.estimators.base import Estimate
 from roadstate.estimators.contact_forces import NOISY
 from roadstate.estimators.friction_bank import VIEWS
-from roadstate.estimators.intake import ACCEL_X, ACCEL_Y, SMOOTHING, STALE
+from roadstate.estimators.intake import ACCEL_X, ACCEL_Y, SMOOTHING, STALE, YAW_RATE
 from roadstate.estimators.sideways import BANK, BIAS_Y, LEVER, SLOWEST, V_Y
 from roadstate.estimators.signals import STANDSTILL_SPEED
 from roadstate.linalg import root, rss
@@ -36,6 +37,7 @@ _SHAKEN = (0.7, 1.8)
 # rad √(m/s)/(m/s²): 1σ of the mean slope over a second by unevenness, whose slopes are white along the road
 # (ISO 8608), times the root of the speed, over what it shakes the accelerometers by both ways
 _UNEVEN = 0.084
+_DRIFTS = 0.02  # 1σ of v̇_y over g
 _PARKED = 0.06  # of the load: with what brakes hold the axles of a car that stands against each other
 
 
@@ -81,10 +83,9 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
     stir = jnp.maximum(forces.stir - NOISY * axles, 0.0)
     leads = jnp.asarray(_LEAD_ERROR, stir.dtype)[:, None] * stir
     lasting = jnp.stack([jnp.sum(straight_std), jnp.sum(axles) * side_std[BIAS_Y] / GRAVITY])
-    used, used_std = _used(forces, straight, lateral, leads, lasting)
-    ages = state.signals.age
-    silent = jnp.minimum(ages[ACCEL_X], 10.0) + jnp.minimum(ages[ACCEL_Y], 3.0)
-    tell("friction_used", used, rss(used_std, 0.1 * silent))
+    across, aside = _across(joint, state, jnp.sum(lateral))
+    used, used_std = _used(forces, straight, across, leads, lasting)
+    tell("friction_used", used, rss(used_std, 0.1 * jnp.minimum(state.signals.age[ACCEL_X], 10.0), aside))
     if joint.knows_sides:
         tell("velocity_y", side[V_Y], side_std[V_Y])
         bank = jnp.arcsin(jnp.clip(side[BANK] / GRAVITY, -0.99, 0.99))
@@ -147,11 +148,26 @@ def _along(joint: Joint, state: JointState, scale: Array) -> tuple[Array, Array]
     return told + share * (measured - told), mass * part * root(jnp.sum(weights**2 * lasting))
 
 
+def _across(joint: Joint, state: JointState, felt: Array) -> tuple[Array, Array]:
+    """F_y of the whole car, N, and over its load 1σ of what is not known of it while no accelerometer tells.
+
+    Then a gyroscope does, but for the road's bank: a car that does not begin to slide turns as it is pushed.
+    """
+    turns, ages = state.signals.smooth[YAW_RATE], state.signals.age
+    unfelt = 0.1 * jnp.minimum(ages[ACCEL_Y], 3.0)
+    if not joint.signals.has[YAW_RATE]:
+        return felt, unfelt
+    known = (ages[ACCEL_Y] >= STALE) & (ages[YAW_RATE] < STALE)
+    pushed = jnp.sum(state.latest.load) / GRAVITY * state.along.gaussian.mean[SPEED] * turns
+    banked = root(in_default(joint.bank.motion.first[BANK, BANK])) / GRAVITY
+    return jnp.where(known, pushed, felt), jnp.where(known, rss(banked, _DRIFTS), unfelt)
+
+
 def _used(
-    forces: AxleForces, along: Array, lateral: Array, leads: Array, lasting: Array
+    forces: AxleForces, along: Array, across: Array, leads: Array, lasting: Array
 ) -> tuple[Array, Array]:
     """Friction used by the whole car, and 1σ; ``lasting`` (2,) 1σ of what the forces err by for long, N."""
-    straight, across = jnp.sum(along), jnp.sum(lateral)
+    straight = jnp.sum(along)
     load = jnp.sum(forces.load)
     used = rss(straight, across) / load
     unsure = root(jnp.sum(leads**2) + jnp.sum(lasting**2)) / load

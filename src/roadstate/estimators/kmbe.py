@@ -21,6 +21,7 @@ from roadstate.estimators.signals import (
     STANDSTILL_SPEED,
     Held,
     SpeedMeter,
+    believable,
     random_walk_growth,
     signed_direction,
 )
@@ -236,7 +237,7 @@ class KMBE(Estimator[KMBEState]):
 
     def step(self, state: KMBEState, sample: Sample, dt: Float[Array, ""]) -> tuple[KMBEState, Info]:
         """Predict with the acceleration, correct with speed and whatever aids."""
-        nothing = jnp.full((), jnp.nan)
+        nothing, sample = jnp.full((), jnp.nan), believable(sample)
         accel = state.accel.take(sample["accel_x"], dt)
         yaw_rate = state.yaw_rate.take(sample.get("yaw_rate", nothing), dt)
         steer = state.steer.take(self.meter.steer(sample), dt)

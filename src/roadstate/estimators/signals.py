@@ -26,8 +26,44 @@ _DEAD_BAND = 0.7
 _DEAD_BAND_STD = 0.25
 _DRIVEN_NOISE = 2.0  # how much less a driven axle is trusted than one that rolls freely
 _LEAST_STEP = 1e-3  # s
+_WHEELS = tuple(f"_{w}" for w in WHEELS)
 NEVER = 1e6
 """s: age of what has not come yet."""
+
+
+LARGEST = {
+    "accel_x": 50.0,
+    "accel_y": 50.0,
+    "yaw_rate": 4.0,
+    "yaw_accel": 100.0,
+    "steer": 1.5,
+    "steering_wheel": 30.0,
+    "wheel_speed": 500.0,
+    "speed": 150.0,
+    "velocity_y": 50.0,
+    "vertical_speed": 50.0,
+    "altitude": 1e4,
+    "drive_torque": 3e4,
+    "brake_torque": 3e4,
+    "brake_pressure": 5e7,
+    "engine_torque": 1e4,
+    "engine_speed": 2500.0,
+    "gear_ratio": 100.0,
+}
+"""More than that no road vehicle makes, in SI units, however often it is told."""
+
+
+def believable(sample: Sample) -> Sample:
+    """Without what no road vehicle makes, as error codes and what a logger writes for nothing: NaN instead.
+
+    A gate refuses a wild measurement; of a wild input, which moves the state, a filter cannot know.
+    """
+
+    def limited(channel: str, value: Float[Array, ""]) -> Float[Array, ""]:
+        name = channel[:-3] if channel.endswith(_WHEELS) else channel
+        return jnp.where(jnp.abs(value) <= LARGEST[name], value, jnp.nan) if name in LARGEST else value
+
+    return {channel: limited(channel, value) for channel, value in sample.items()}
 
 
 class Held(NamedTuple):

@@ -20,7 +20,7 @@ from roadstate.estimators.astray import is_astray, led_back
 from roadstate.estimators.base import Estimate, Estimator, Need, Sample, Smoothable, known_only, leaf
 from roadstate.estimators.force_observer import FELT, ForceObserver, Forces, ForceState, meter_sample
 from roadstate.estimators.road import GradePrior
-from roadstate.estimators.signals import STANDSTILL_SPEED, SpeedMeter, span
+from roadstate.estimators.signals import STANDSTILL_SPEED, SpeedMeter, believable, span
 from roadstate.estimators.tire_forces import DRIVE_GAIN, FORCE_X, FORCE_Y, YAW_RATE
 from roadstate.filters import FilterState, GateRule
 from roadstate.filters.base import is_finite
@@ -226,7 +226,7 @@ class TFOBE(Estimator[TFOBEState]):
 
     def step(self, state: TFOBEState, sample: Sample, dt: Float[Array, ""]) -> tuple[TFOBEState, Info]:
         """Forces first, then the grade under them."""
-        x = state.grade.gaussian.mean
+        x, sample = state.grade.gaussian.mean, believable(sample)
         lower, forces, seen = self.observer.step(state.forces, sample, self.meter.steer(sample), x[0], dt)
         before, now = state.forces.filter.gaussian.mean, lower.filter.gaussian.mean
         since = span(state.forces.held["yaw_rate"].age, dt, _MODEL_TIME)

@@ -38,7 +38,7 @@ from roadstate.estimators.friction_groups import (
 )
 from roadstate.estimators.friction_of_forces import YAW_NOISE, ForcesInput, FrictionOfForces
 from roadstate.estimators.friction_states import share_learned
-from roadstate.estimators.signals import Held, span
+from roadstate.estimators.signals import Held, believable, span
 from roadstate.estimators.two_stage_settings import PRINTED, Settings, first_stage, second_stage
 from roadstate.estimators.velocity import STALE
 from roadstate.filters.base import Filter
@@ -202,6 +202,7 @@ class TwoStage(Estimator[TwoStageState]):
 
     def step(self, state: TwoStageState, sample: Sample, dt: Float[Array, ""]) -> tuple[TwoStageState, Info]:
         """Find the contact, the forces, then the friction."""
+        sample = believable(sample)
         meter, contact = self.meter.read(state.contact, sample, dt)
         contact = once(contact)
         before = self._wheel_friction(state)
