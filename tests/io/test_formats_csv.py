@@ -139,6 +139,19 @@ def test_the_time_column_can_be_named(csv) -> None:  # type: ignore[no-untyped-d
         csv(text, time_column="watch")
 
 
+def test_steps_of_no_drive_are_asked_about(csv) -> None:  # type: ignore[no-untyped-def]
+    """Milliseconds in a column that is called time made five hours of twenty seconds."""
+    rows = "".join(f"{10 * k},{k}\n" for k in range(50))
+    with pytest.raises(
+        InputError, match=r"steps of 10 s, if its numbers are seconds; is the unit ms\? Give it"
+    ):
+        csv(f"time,speed\n{rows}")
+    assert csv(f"time [s],speed\n{rows}")["speed"].time[1] == 10
+    assert csv(f"time,speed\n{rows}", time_unit="ms")["speed"].time[1] == 0.01
+    assert csv(f"time,speed\n{rows}", time_unit="s")["speed"].time[1] == 10
+    assert csv(f"time,speed\n{rows[:12]}")["speed"].time[1] == 10  # too few to say
+
+
 def test_booleans_count_and_unnamed_columns_are_left_out(csv) -> None:  # type: ignore[no-untyped-def]
     recording = csv(",time,brake\n0,0,true\n1,1,false\n")
     assert values(recording, "brake") == [1, 0]
@@ -199,6 +212,10 @@ REFUSED = {
         "timestamp,speed\n1627274454500,1\n",
         "timestamp: the time starts at 1.62727e+12 s; give the time's unit in the header ('time [ms]') "
         "or the mapping ('time: {unit: ms}')",
+    ),
+    "ms in time": (
+        "time,speed\n0,1\n10,2\n20,2\n30,2\n40,3\n",
+        "time: steps of 10 s, if its numbers are seconds; is the unit ms? Give it in the header",
     ),
     "no time values": (
         "time,speed\n,1\n,2\n",

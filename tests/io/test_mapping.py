@@ -271,6 +271,18 @@ def test_a_few_spikes_stay() -> None:
     assert "11 of 1000 samples exceed 120 m/s" in refusal({}, recording(speed=values))
 
 
+@pytest.mark.parametrize("name", ["ref_grade", "ref_velocity_x", "ref_friction_fl"])
+def test_one_impossible_sample_of_a_reference_is_refused(name: str) -> None:
+    """It would be all that an error comes to."""
+    values = np.full(1000, 0.01)
+    values[500] = 1e30
+    text = refusal({}, recording(**{name: values}))
+    assert "1 of 1000 samples exceed" in text
+    assert "leave them out by 'range: [least, largest]' in the mapping" in text
+    mended = apply({"channels": {name: {"range": [-1, 1]}}}, recording(**{name: values}))
+    assert np.isnan(mended[name].values[500])
+
+
 def test_where_no_unit_explains_it_none_is_named() -> None:
     assert "check unit and scale" in refusal({}, recording(speed=np.full(10, 1e9)))
 

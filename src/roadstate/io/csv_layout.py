@@ -49,7 +49,7 @@ class Layout:
     names: tuple[str, ...]
     units: tuple[str | None, ...]
     time: int
-    time_unit: str
+    time_unit: str | None
     body: int
     first_line: int
 

@@ -6,9 +6,15 @@ from pathlib import Path
 
 from roadstate.core import InputError
 
+_EMPTY = {
+    ".dbc": "is it complete?",
+    ".yaml": "start from what 'roadstate channels FILE --suggest' prints",
+    ".yml": "start from what 'roadstate channels FILE --suggest' prints",
+}
+
 
 def check_file(path: Path) -> None:
-    """Refuse what cannot be a log or a DBC.
+    """Refuse what cannot be a log, a mapping file or a DBC.
 
     Raises:
         InputError: the path is missing, a folder, no regular file, unreadable or empty.
@@ -23,7 +29,8 @@ def check_file(path: Path) -> None:
         if not path.is_file():
             raise InputError("not a regular file", where=where, mend="copy it to a file first")
         if path.stat().st_size == 0:
-            raise InputError("the file is empty", where=where, mend="was the recording stopped too early?")
+            mend = _EMPTY.get(path.suffix.lower(), "was the recording stopped too early?")
+            raise InputError("the file is empty", where=where, mend=mend)
         with path.open("rb"):
             pass
     except OSError as error:

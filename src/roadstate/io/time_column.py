@@ -19,6 +19,9 @@ _NAME = re.compile(
 )
 _UNIT_OF_SUFFIX = {"sec": "s", "secs": "s", "seconds": "s", "utc": "s"}
 _IN_MAPPING = "name it in the mapping ('time: {column: NAME}')"
+_UNIT_PLACES = "the header ('time [ms]') or the mapping ('time: {unit: ms}')"
+_FEW = 3  # samples, whose steps say nothing
+_LONGEST_STEP = 5.0  # s from one sample to the next, in a log of a drive
 _ABSOLUTE = 1e8  # s; a log that runs for three years is none, so a larger time counts from 1970
 _FAR_FUTURE = 1e11  # s after 1970; such a number is in another unit
 
@@ -51,16 +54,16 @@ def find_time(headers: Sequence[str], names: Sequence[str], wanted: str | None, 
     raise InputError(f"{problem}; there are {_listed(headers)}", where=where, mend=mend)
 
 
-def time_unit(name: str, unit: str | None) -> str:
-    """The unit of a time column: as given, else its name's suffix (``t_ms``), else seconds."""
+def time_unit(name: str, unit: str | None) -> str | None:
+    """The unit of a time column: as given, else its name's suffix (``t_ms``), if it has one."""
     if unit:
         return unit
     match = _NAME.fullmatch(_plain(name))
-    suffix = (match["unit"] if match else None) or "s"
-    return _UNIT_OF_SUFFIX.get(suffix, suffix)
+    suffix = match["unit"] if match else None
+    return _UNIT_OF_SUFFIX.get(suffix, suffix) if suffix else None
 
 
-def seconds(values: NDArray[Any], unit: str, where: str) -> tuple[NDArray[np.float64], str | None]:
+def seconds(values: NDArray[Any], unit: str | None, where: str) -> tuple[NDArray[np.float64], str | None]:
     """Seconds since the start, and the start itself where the column holds absolute time.
 
     Calendar times (taken as UTC where they name no zone) and times since 1970 become times since the first
@@ -68,15 +71,17 @@ def seconds(values: NDArray[Any], unit: str, where: str) -> tuple[NDArray[np.flo
 
     Args:
         values: (T,) ``datetime64``, integers or floats; NaN or NaT where missing.
-        unit: of the numbers.
+        unit: of the numbers; ``None`` where nothing says, which is taken for seconds.
         where: file and column, for messages.
 
     Returns:
         (T,) in s, and the first sample's ISO text in UTC or ``None``.
 
     Raises:
-        InputError: the unit is none of time, nothing is there, or the numbers lie beyond any date.
+        InputError: the unit is none of time, nothing is there, the numbers lie beyond any date, or steps are
+            those of no drive in seconds, which nothing says that they are.
     """
+    is_guessed, unit = unit is None, unit or "s"
     if values.dtype.kind == "M":
         missing = np.isnat(values)
         values, unit = values.astype("datetime64[ns]").astype(np.int64), "ns"
@@ -97,8 +102,9 @@ def seconds(values: NDArray[Any], unit: str, where: str) -> tuple[NDArray[np.flo
         elapsed = values - first if is_absolute else values
         time = convert(np.asarray(elapsed, dtype=np.float64), unit, "s")
     except InputError as error:
-        mend = "give the time's unit in the header ('time [ms]') or the mapping ('time: {unit: ms}')"
-        raise InputError(error.what, where=where, mend=mend) from error
+        raise InputError(error.what, where=where, mend=f"give the time's unit in {_UNIT_PLACES}") from error
+    if is_guessed and values.dtype.kind != "M" and unit == "s":
+        _check_pace(time[~missing], where)
     if missing.any():
         time = np.where(missing, np.nan, time)
     if not is_absolute:
@@ -107,6 +113,17 @@ def seconds(values: NDArray[Any], unit: str, where: str) -> tuple[NDArray[np.flo
         whole = int(first) * round(float(convert(1.0, unit, "ns")))
         return time, str(np.datetime64(whole, "ns"))
     return time, str(np.datetime64(round(start * 1e6), "us"))
+
+
+def _check_pace(time: NDArray[np.float64], where: str) -> None:
+    """Refuse steps of several seconds where nothing says that they are seconds: most loggers count ms."""
+    step = float(np.median(np.diff(time))) if len(time) > _FEW else 0.0
+    if step >= _LONGEST_STEP:
+        raise InputError(
+            f"steps of {step:.4g} s, if its numbers are seconds",
+            where=where,
+            mend=f"is the unit ms? Give it in {_UNIT_PLACES}, also if it is s",
+        )
 
 
 def _plain(name: str) -> str:
