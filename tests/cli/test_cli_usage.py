@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import os
+import signal
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import pytest
@@ -101,6 +104,103 @@ def test_interruption(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     assert (end.status, end.out, end.err) == (130, "", "interrupted\n")
 
 
+def test_interruption_while_modules_are_imported() -> None:
+    """Ctrl-C that comes with the first module which takes long to import."""
+    program = """
+import sys
+class Stop:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition('.')[0] == 'numpy':
+            raise KeyboardInterrupt
+sys.meta_path.insert(0, Stop())
+from roadstate.cli import main
+sys.exit(main(['vehicles']))
+"""
+    end = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert (end.returncode, end.stdout, end.stderr) == (130, "", "interrupted\n")
+
+
+def test_the_package_imports_nothing_heavy_but_has_its_names() -> None:
+    program = """
+import json, sys
+import roadstate, roadstate.cli
+before = 'numpy' in sys.modules
+from roadstate import *
+from roadstate.core import Estimates as same
+names = sorted(set(roadstate.__all__) & set(dir(roadstate)) & set(globals()))
+from roadstate.estimators import build
+import jax.numpy
+print(json.dumps([before, names, same is Estimates, str(jax.numpy.zeros(1).dtype), hasattr(roadstate, 'x')]))
+"""
+    bare = {k: v for k, v in os.environ.items() if k != "JAX_ENABLE_X64"}
+    end = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, env=bare, check=True
+    )
+    names = ["Estimates", "InputError", "Log", "Recording", "Validity", "__version__"]
+    assert json.loads(end.stdout) == [False, names, True, "float64", False]
+
+
+def test_termination_cleans_up(
+    run: Run, drive_csv: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen: list[str] = []
+
+    def told_twice(*args: object, **named: object) -> None:
+        seen.extend(path.name[:11] for path in tmp_path.iterdir())
+        try:
+            os.kill(os.getpid(), signal.SIGTERM)
+        finally:
+            os.kill(os.getpid(), signal.SIGTERM)  # as by timeout(1): must not disturb the cleaning up
+
+    def mine(*args: object) -> None:
+        seen.append("mine")
+
+    before = signal.signal(signal.SIGTERM, mine)
+    try:
+        monkeypatch.setattr("roadstate.cli.runs.run_log", told_twice)
+        end = run("estimate", drive_csv, "-v", "family-car", "-o", tmp_path / "o")
+    finally:
+        after = signal.signal(signal.SIGTERM, before)
+    assert (end.status, end.out, end.err) == (143, "", "terminated\n")
+    assert seen == [".roadstate-"]
+    assert list(tmp_path.iterdir()) == []
+    assert after is mine
+
+
+def test_other_threads_and_ignored_terminations_stay_as_they_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[object] = []
+    monkeypatch.setattr(errors, "_run", lambda argv: seen.append(signal.getsignal(signal.SIGTERM)) or 0)
+    before = signal.getsignal(signal.SIGTERM)
+    thread = threading.Thread(target=errors.run, args=([],))
+    thread.start()
+    thread.join()
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    try:
+        assert errors.run([]) == 0
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    assert errors.run([]) == 0
+    assert seen[:2] == [before, signal.SIG_IGN]
+    assert seen[2] not in (before, signal.SIG_IGN)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("estimate", "a.csv", "-v", "suv", "-o"), ("demo", "--out"), ("simulate", "braking", "-o"),
+        ("calibrate", "a.csv", "-v", "suv", "-o"), ("papers", "none", "-o"), ("papers", "none", "--markdown"),
+        ("tire", "a.tir", "--plot"),
+    ],
+)  # fmt: skip
+def test_an_empty_path_to_write_is_refused(
+    run: Run, words: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    end = run(*words, "")
+    assert_refusal(end)
+    assert end.err.endswith(f": the path is empty; see 'roadstate {words[0]} --help'\n")
+
+
 def test_missing_optional_package_says_how_to_install_it(
     run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -137,6 +237,25 @@ def test_broken_pipe_is_quiet() -> None:
     os.close(writer)
     assert end.returncode == 141
     assert end.stderr == b""
+
+
+def test_broken_pipe_of_a_table_is_quiet_too() -> None:
+    reader, writer = os.pipe()
+    os.close(reader)
+    program = [sys.executable, "-m", "roadstate", "vehicles"]
+    end = subprocess.run(program, stdout=writer, stderr=subprocess.PIPE, check=False)
+    os.close(writer)
+    assert (end.returncode, end.stderr) == (141, b"")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="the system has no device that is always full")
+@pytest.mark.parametrize("words", [("vehicles",), ("estimators", "--json"), ("--help",)])
+def test_a_full_standard_output_is_no_defect(words: tuple[str, ...]) -> None:
+    with open("/dev/full", "w") as full:
+        program = [sys.executable, "-m", "roadstate", *words]
+        end = subprocess.run(program, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    said = "cannot write standard output (No space left on device)\n"
+    assert (end.returncode, end.stderr) == (2, said)
 
 
 def test_start_imports_nothing_heavy() -> None:
