@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli_case import Run, assert_refusal
+from cli_case import Run, assert_refusal, steady
 
 from roadstate.core import Log
-from roadstate.io import write
+from roadstate.io import read_all, write
 from roadstate.vehicles import load_vehicle
 
 NOISE = 0.4
@@ -81,10 +81,27 @@ def test_short_log(run: Run, drive_csv: Path) -> None:
     assert end.err.startswith("drive: 9.99 s are too short to learn from")
 
 
-def test_no_such_folder(run: Run, noisy: Path, tmp_path: Path) -> None:
-    end = run("calibrate", noisy, "-v", "suv", "-l", "mass", "-o", tmp_path / "nowhere" / "new.yaml")
+def test_a_log_hardly_too_short_is_seen_to_be(run: Run, noisy: Path, tmp_path: Path) -> None:
+    log = write(read_all([noisy]).resample().between(0.0, 29.99), tmp_path / "noisy.csv")
+    cut = write(steady(3000), tmp_path / "cut.csv")
+    for file, name, said in ((log, "noisy", "29.95"), (cut, "cut", "29.99")):
+        end = run("calibrate", file, "-v", "family-car", "-l", "mass")
+        assert_refusal(end)
+        assert end.err == f"{name}: {said} s are too short to learn from; give logs of 30 s at least\n"
+
+
+def test_missing_folders_are_made_for_what_was_learned(run: Run, noisy: Path, tmp_path: Path) -> None:
+    out = tmp_path / "a" / "b" / "new.yaml"
+    assert_refusal(run("calibrate", noisy, "-v", "suv", "-l", "mass", "-e", "kmbe", "-o", out))
+    assert list(tmp_path.iterdir()) == []
+    assert run("calibrate", noisy, "-v", "family-car", "--tune", "-e", "kmbe", "-o", out).status == 0
+    assert [path.name for path in tmp_path.rglob("*")] == ["a", "b", "new.yaml"]
+
+
+def test_a_folder_is_no_vehicle_file_to_write(run: Run, noisy: Path, tmp_path: Path) -> None:
+    end = run("calibrate", noisy, "-v", "suv", "-l", "mass", "-o", tmp_path)
     assert_refusal(end)
-    assert "choose another folder" in end.err
+    assert end.err == f"{tmp_path}: is a folder; give the name of a file in it\n"
 
 
 def test_help_fits(run: Run) -> None:

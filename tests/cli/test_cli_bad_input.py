@@ -44,6 +44,13 @@ def test_empty_file(refused: Refused, tmp_path: Path) -> None:
     )
 
 
+def test_empty_mapping(refused: Refused, good: Path, tmp_path: Path) -> None:
+    (tmp_path / "m.yaml").touch()
+    assert refused(good, "--mapping", tmp_path / "m.yaml") == (
+        "m.yaml: the file is empty; start from what 'roadstate channels FILE --suggest' prints"
+    )
+
+
 def test_csv_without_time(refused: Refused, tmp_path: Path) -> None:
     file = csv(tmp_path / "log.csv", "speed [m/s],accel_x [m/s^2]", [(1, 2), (3, 4)])
     assert refused(file) == (

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from cli_case import Run, csv, steady
 
 from roadstate import __version__
 from roadstate.cli import compare as compare_command
+from roadstate.cli import runs
 from roadstate.cli.console import console, figure
 from roadstate.core import Estimates, is_bound
 from roadstate.estimators import all_estimators, build, runnable
@@ -92,6 +95,54 @@ def test_no_figure_of_a_full_table_is_cut_off(capsys: pytest.CaptureFixture[str]
         figures = ["1234", "1346", "12346", "-0.012", "0.012", "-0.988", "0.001", "100%", "123.4"]
         assert row.split()[-9:] == figures
     assert shown.count("100%") == 2
+
+
+def test_a_table_of_errors_beyond_all_use_keeps_its_columns(capsys: pytest.CaptureFixture[str]) -> None:
+    errors = Metrics(
+        unit="N", mae=1.234e30, rmse=5e26, max=1e30, bias=-1e30, mae_bias_removed=1e30,
+        correlation=-0.98765, nees=1e60, coverage95=1.0, settle_s=123.4, n=999999,
+    )  # fmt: skip
+    missing = replace(errors, mae=math.inf, bias=math.nan, correlation=math.nan, coverage95=math.nan)
+    found = {"friction_peak_right": replace(errors, unit="-"), "grade": replace(missing, settle_s=math.inf)}
+    console().print(compare_command.metrics_table("drive", {"friction-ukf": found}, 0.0))
+    shown = capsys.readouterr().out
+    assert fits(shown)
+    assert "1.2e+30 5.0e+26 1.0e+30 -1.0e+30 1.0e+30 -0.988 1.0e+60 100%  123.4" in shown
+    assert next(x for x in shown.splitlines() if x.startswith("  grade")).split()[2:] == [
+        "-", "5.0e+26", "1.0e+30", "-", "1.0e+30", "-", "1.0e+60", "-", "-",
+    ]  # fmt: skip
+
+
+def test_a_table_without_anything_to_compare_says_so(capsys: pytest.CaptureFixture[str]) -> None:
+    console().print(compare_command.metrics_table("drive", {}, 0.0))
+    assert "drive: 0 samples from the start" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("odd", [math.inf, -math.inf, math.nan])
+def test_figures_that_are_not_finite_are_shown_as_none(
+    run: Run, drive_csv: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, odd: float
+) -> None:
+    usual = runs._run_together
+
+    def spoilt(*args: Any) -> list[Estimates]:
+        [found] = usual(*args)
+        grade, std = (np.array(of["grade"]) for of in (found.values, found.std))
+        grade[100:200], std[50:] = odd, odd
+        return [replace(found, values={**found.values, "grade": grade}, std={**found.std, "grade": std})]
+
+    monkeypatch.setattr(runs, "_run_together", spoilt)
+    words = ("estimate", drive_csv, "-v", "family-car", "-e", "kmbe", "-o", tmp_path / "o")
+    end = run(*words)
+    assert (end.status, end.err) == (0, "")
+    [row] = [line.split() for line in end.out.splitlines() if line.startswith("grade %")]
+    assert row[-1] == "-"
+    assert all(math.isfinite(float(x)) for x in row[2:5])
+    grade = run(*words, "--json").json["logs"]["drive"]["estimators"]["kmbe"]["quantities"]["grade"]
+    assert (grade["final_std"], grade["mean_std"]) == (None, None)
+    assert math.isfinite(grade["mean"])
+    found = run("compare", drive_csv, "-v", "family-car", "-e", "kmbe", "--json").json["drive"]["kmbe"]
+    assert found["grade"]["n"] == 900
+    assert run("compare", drive_csv, "-v", "family-car", "-e", "kmbe").status == 0
 
 
 def test_estimate_writes_files_and_a_summary_that_agree(run: Run, drive_csv: Path, tmp_path: Path) -> None:

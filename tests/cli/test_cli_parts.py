@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from roadstate.cli import progress
 from roadstate.cli.console import figure, plain, to_json
 from roadstate.cli.logs import Source, stem
-from roadstate.cli.outputs import staged
+from roadstate.cli.outputs import staged, staged_file
 from roadstate.core import InputError
 
 
@@ -26,6 +26,7 @@ from roadstate.core import InputError
     [
         (0.012345, 3, "0.0123"), (1.2345, 3, "1.23"), (123456.0, 3, "123456"), (0.0, 3, "0"),
         (-0.5, 3, "-0.500"), (math.nan, 3, "-"), (None, 3, "-"), (1e9, 3, "1.00e+09"), (3e-6, 2, "3.0e-06"),
+        (-math.inf, 3, "-"),
     ],
 )  # fmt: skip
 def test_figure(value: float | None, digits: int, shown: str) -> None:
@@ -34,8 +35,11 @@ def test_figure(value: float | None, digits: int, shown: str) -> None:
 
 @pytest.mark.parametrize(
     ("value", "shown"),
-    [(0.012345, "0.012"), (-0.5, "-0.500"), (12.345, "12.3"), (1234.5, "1234"), (3e-6, "0.000")],
-)
+    [
+        (0.012345, "0.012"), (-0.5, "-0.500"), (12.345, "12.3"), (1234.5, "1234"), (3e-6, "0.000"),
+        (9999999.0, "9999999"), (5e26, "5.00e+26"), (-1e30, "-1.00e+30"),
+    ],
+)  # fmt: skip
 def test_figure_with_so_many_decimals_at_most(value: float, shown: str) -> None:
     assert figure(value, most=3) == shown
 
@@ -102,6 +106,32 @@ def test_full_disk_is_bad_input_and_other_failures_are_not(tmp_path: Path) -> No
         raise OSError(errno.ENOSPC, "No space left on device")
     with pytest.raises(ConnectionError), staged(tmp_path / "o"):
         raise ConnectionError
+
+
+def test_a_staged_file_appears_with_its_folders_or_not_at_all(tmp_path: Path) -> None:
+    path = tmp_path / "a" / "b.yaml"
+
+    def interrupted() -> None:
+        with staged_file(path) as temporary:
+            temporary.write_text("1")
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert list(tmp_path.iterdir()) == []
+    with staged_file(path) as temporary:
+        temporary.write_text("2")
+    assert path.read_text() == "2"
+    assert [f.name for f in tmp_path.rglob("*")] == ["a", "b.yaml"]
+    with pytest.raises(InputError, match="is a folder; give the name of a file in it"), staged_file(tmp_path):
+        pass
+
+
+def test_a_name_that_cannot_be_one_is_bad_input(tmp_path: Path) -> None:
+    for block in (staged(tmp_path / ("x" * 300)), staged_file(tmp_path / ("x" * 300))):
+        with pytest.raises(InputError, match=r"cannot write \(file name too long\)"), block as made:
+            Path(made).write_text("1")
+    assert list(tmp_path.iterdir()) == []
 
 
 class Terminal(io.StringIO):

@@ -127,10 +127,23 @@ def test_options_out_of_range_are_refused(run: Run, words: list[str], message: s
     assert message in end.err
 
 
+def test_missing_folders_are_made_for_a_page(run: Run, tmp_path: Path) -> None:
+    pytest.importorskip("bokeh")
+    page = tmp_path / "a" / "b" / "tire.html"
+    assert_refusal(run("tire", PASSENGER, "--plot", page, "--fit", "brus"))
+    assert list(tmp_path.iterdir()) == []
+    assert run("tire", PASSENGER, "--plot", page, "--json").json["plot"] == str(page)
+    assert [path.name for path in tmp_path.rglob("*")] == ["a", "b", "tire.html"]
+
+
 def test_a_page_that_cannot_be_written_is_refused(run: Run, tmp_path: Path) -> None:
     pytest.importorskip("bokeh")
     assert_refusal(run("tire", PASSENGER, "--plot", tmp_path))
-    assert_refusal(run("tire", PASSENGER, "--plot", tmp_path / "nowhere" / "tire.html"))
+    (tmp_path / "file").touch()
+    end = run("tire", PASSENGER, "--plot", tmp_path / "file" / "tire.html")
+    assert_refusal(end)
+    assert end.err == f"{tmp_path / 'file'}: is a file; name a folder with --plot\n"
+    (tmp_path / "file").unlink()
     if os.geteuid() != 0:
         tmp_path.chmod(0o500)
         assert_refusal(run("tire", PASSENGER, "--plot", tmp_path / "tire.html"))

@@ -115,7 +115,7 @@ def calibrate(
     total = sum(log.duration for log in logs.values())
     if total < SHORTEST:
         raise InputError(
-            f"{total:.3g} s are too short to learn from",
+            f"{total:.10g} s are too short to learn from",
             where=", ".join(logs),
             mend=f"give logs of {SHORTEST:g} s at least",
         )

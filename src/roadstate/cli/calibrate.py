@@ -31,7 +31,13 @@ def calibrate(
     tune: Annotated[bool, typer.Option("--tune", help="Learn the noise levels in the file, too.")] = False,
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", metavar="YAML", help="New vehicle file to write. Default: none."),
+        typer.Option(
+            "--out",
+            "-o",
+            metavar="YAML",
+            parser=options.written,
+            help="New vehicle file to write. Default: none.",
+        ),
     ] = None,
     mapping: options.MappingFile = None,
     dbc: options.DbcFiles = None,
@@ -67,9 +73,9 @@ def calibrate(
     from roadstate.calibration import calibrate as fit
     from roadstate.calibration import learned_yaml, select
     from roadstate.cli.console import print_json
+    from roadstate.cli.outputs import staged_file
     from roadstate.cli.progress import working
     from roadstate.core.numerics import use_compilation_cache
-    from roadstate.core.tabular import atomic_path
     from roadstate.vehicles import load_vehicle, vehicle_text
 
     car = load_vehicle(vehicle)
@@ -77,7 +83,7 @@ def calibrate(
     select(car, groups, tune=tune)  # what is misspelt is better refused at once
     source = Source(tuple(files), mapping, tuple(dbc or ()), rate, separate)
     use_compilation_cache()
-    with nullcontext() if out is None else atomic_path(out) as temporary, working() as work:
+    with nullcontext() if out is None else staged_file(out) as temporary, working() as work:
         work.begin(f"reading {', '.join(source.groups())}")
         logs = dict(source.logs(car))
         work.begin("compiling")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
 from roadstate.cli import options
@@ -76,9 +76,9 @@ def metrics_table(log: str, metrics: Mapping[str, Mapping[str, Metrics]], settle
         metrics: estimator → quantity → its errors.
         settle: seconds left out at the start.
     """
-    from roadstate.cli.console import figure, table, with_unit
+    from roadstate.cli.console import table, with_unit
 
-    counts = sorted({m.n for of in metrics.values() for m in of.values()})
+    counts = sorted({m.n for of in metrics.values() for m in of.values()}) or [0]
     samples = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
     start = f"after {settle:g} s" if settle else "from the start"
     rows = table(
@@ -88,10 +88,21 @@ def metrics_table(log: str, metrics: Mapping[str, Mapping[str, Metrics]], settle
     for estimator, of in metrics.items():
         rows.add_row(estimator)
         for quantity, m in of.items():
-            errors = [figure(v, most=3) for v in (m.mae, m.rmse, m.max, m.bias, m.mae_bias_removed)]
-            correlation = "-" if m.correlation is None else f"{m.correlation:.3f}"
-            nees = figure(m.nees, most=3)
-            share = "-" if m.coverage95 is None else f"{100 * m.coverage95:.0f}%"
-            settled = "-" if m.settle_s is None else f"{m.settle_s:.1f}"
+            errors = [_short(v) for v in (m.mae, m.rmse, m.max, m.bias, m.mae_bias_removed)]
+            correlation = _shown(m.correlation, lambda v: f"{v:.3f}")
+            nees = _short(m.nees)
+            share = _shown(m.coverage95, lambda v: f"{100 * v:.0f}%")
+            settled = _shown(m.settle_s, lambda v: f"{v:.1f}")
             rows.add_row(f"  {with_unit(quantity, m.unit)}", *errors, correlation, nees, share, settled)
     return rows
+
+
+def _short(value: float | None) -> str:
+    from roadstate.cli.console import figure
+
+    # an error that takes an exponent is beyond all use: two digits leave the room to the names
+    return figure(value, 3 if value is None or abs(value) < 1e7 else 2, most=3)
+
+
+def _shown(value: float | None, form: Callable[[float], str]) -> str:
+    return "-" if value is None or not math.isfinite(value) else form(value)

@@ -61,7 +61,7 @@ def text(content: str) -> Text:
 def figure(value: float | None, digits: int = 3, most: int | None = None) -> str:
     """A number in as few characters as ``digits`` significant ones take; ``-`` where there is none.
 
-    Figures before the decimal point are never dropped: 123456 stays that.
+    Figures before the decimal point are dropped from ten millions on only: 123456 stays that.
 
     Args:
         value: the number.
@@ -73,12 +73,10 @@ def figure(value: float | None, digits: int = 3, most: int | None = None) -> str
     if value == 0:
         return "0"
     size = math.floor(math.log10(abs(value)))
-    decimals = max(digits - 1 - size, 0)
-    if most is not None:
-        return f"{value:.{min(decimals, most)}f}"
-    if size >= 7 or size < -4:
+    if size >= 7 or (size < -4 and most is None):
         return f"{value:.{digits - 1}e}"
-    return f"{value:.{decimals}f}"
+    decimals = max(digits - 1 - size, 0)
+    return f"{value:.{decimals if most is None else min(decimals, most)}f}"
 
 
 def with_unit(quantity: str, unit: str) -> str:

@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from roadstate.cli import options
+
 _VEHICLE = "family-car"
 _ESTIMATORS = ("joint", "kmbe", "debe")
 _SETTLE = 5.0  # s: the estimators begin without knowing the grade
@@ -18,9 +20,10 @@ _WHAT = (
 
 
 def demo(
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="Folder for the results.")] = Path(
-        "roadstate-demo"
-    ),
+    out: Annotated[
+        Path,
+        typer.Option("--out", "-o", metavar="DIR", parser=options.written, help="Folder for the results."),
+    ] = Path("roadstate-demo"),
     seed: Annotated[int, typer.Option("--seed", metavar="N", min=0, help="Of the sensors' noise.")] = 0,
     show: Annotated[bool, typer.Option("--open", help="Open the report in the web browser.")] = False,
 ) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -22,7 +23,15 @@ def estimate(
     files: options.Files,
     vehicle: options.VehicleName,
     out: Annotated[
-        Path, typer.Option("--out", "-o", metavar="DIR", help="Folder for the results.", show_default=False)
+        Path,
+        typer.Option(
+            "--out",
+            "-o",
+            metavar="DIR",
+            parser=options.written,
+            help="Folder for the results.",
+            show_default=False,
+        ),
     ],
     mapping: options.MappingFile = None,
     dbc: options.DbcFiles = None,
@@ -154,8 +163,6 @@ def _print(logs: dict[str, Any], written: list[str]) -> None:
 
 def _table(title: str, quantities: dict[str, Any]) -> Table:
     """Of one estimator's quantities over time; bounds stand beside what they bound."""
-    from math import degrees, tan
-
     from roadstate.cli.console import figure, table, with_unit
     from roadstate.core.quantities import BOUNDS, is_bound
 
@@ -171,9 +178,10 @@ def _table(title: str, quantities: dict[str, Any]) -> Table:
         values = [*(q[k] for k in ("mean", "min", "max", "mean_std")), *bounds]
         scales: list[tuple[str, Any]] = [(q["unit"], float)]
         if quantity == "grade":
-            scales = [("%", lambda v: 100 * tan(v)), ("deg", degrees)]
+            scales = [("%", lambda v: 100 * math.tan(v)), ("deg", math.degrees)]
+        finite = [v if v is not None and math.isfinite(v) else None for v in values]
         for unit, scale in scales:
             rows.add_row(
-                with_unit(quantity, unit), *(figure(None if v is None else scale(v)) for v in values)
+                with_unit(quantity, unit), *(figure(None if v is None else scale(v)) for v in finite)
             )
     return rows

@@ -7,6 +7,18 @@ from typing import Annotated
 
 import typer
 
+
+def written(given: str | Path) -> Path:
+    """The path that a command is to write; an empty one, as of a variable never set, is not the folder here.
+
+    Raises:
+        BadParameter: it is empty.
+    """
+    if not str(given):
+        raise typer.BadParameter("the path is empty")
+    return Path(given)
+
+
 Files = Annotated[
     list[Path],
     typer.Argument(metavar="FILE", help="Log files: CSV, Parquet or MF4.", show_default=False),

@@ -12,27 +12,34 @@ from pathlib import Path
 
 from roadstate.core import InputError
 
-_CANNOT_WRITE = {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM, errno.EFBIG, errno.EIO}
+_CANNOT_WRITE = {
+    *(errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM, errno.EFBIG, errno.EIO),
+    *(errno.EISDIR, errno.ENAMETOOLONG),
+}
 
 
 @contextmanager
-def staged(out: Path) -> Iterator[Path]:
+def staged(out: Path, option: str = "--out") -> Iterator[Path]:
     """A hidden folder whose files move into ``out`` when the block ends well, and vanish when it does not.
 
     Files of the same names in ``out`` are replaced; ``out`` itself is made where it is missing.
 
+    Args:
+        out: the folder.
+        option: the one that names it.
+
     Raises:
         InputError: ``out`` is a file, or cannot be made or written.
     """
-    beside = out
-    while not beside.exists():
-        beside = beside.parent
-    if not beside.is_dir():
-        raise InputError("is a file", where=str(beside), mend="name a folder with --out")
     try:
+        beside = out
+        while not beside.exists():
+            beside = beside.parent
+        if not beside.is_dir():
+            raise InputError("is a file", where=str(beside), mend=f"name a folder with {option}")
         stage = Path(tempfile.mkdtemp(prefix=".roadstate-", dir=beside))
     except OSError as error:
-        raise _unwritable(out, error) from error
+        raise _unwritable(out, option, error) from error
     try:
         yield stage
         out.mkdir(parents=True, exist_ok=True)
@@ -41,11 +48,30 @@ def staged(out: Path) -> Iterator[Path]:
     except OSError as error:
         if error.errno not in _CANNOT_WRITE:
             raise
-        raise _unwritable(out, error) from error
+        raise _unwritable(out, option, error) from error
     finally:
         shutil.rmtree(stage, ignore_errors=True)
 
 
-def _unwritable(out: Path, error: OSError) -> InputError:
+@contextmanager
+def staged_file(path: Path, option: str = "--out") -> Iterator[Path]:
+    """A hidden name whose file becomes ``path`` when the block ends well, and vanishes when it does not.
+
+    Missing folders are made then, too.
+
+    Args:
+        path: the file.
+        option: the one that names it.
+
+    Raises:
+        InputError: ``path`` is a folder, or cannot be written.
+    """
+    if os.path.isdir(path):
+        raise InputError("is a folder", where=str(path), mend="give the name of a file in it")
+    with staged(path.parent, option) as folder:
+        yield folder / path.name
+
+
+def _unwritable(out: Path, option: str, error: OSError) -> InputError:
     reason = (error.strerror or str(error)).lower()
-    return InputError(f"cannot write ({reason})", where=str(out), mend="choose another folder with --out")
+    return InputError(f"cannot write ({reason})", where=str(out), mend=f"choose another folder with {option}")

@@ -50,10 +50,19 @@ def papers(
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", metavar="DIR", help="Folder for papers.json, pages and figures."),
+        typer.Option(
+            "--out",
+            "-o",
+            metavar="DIR",
+            parser=options.written,
+            help="Folder for papers.json, pages and figures.",
+        ),
     ] = None,
     markdown: Annotated[
-        Path | None, typer.Option("--markdown", metavar="FILE", help="Write the tables as Markdown, too.")
+        Path | None,
+        typer.Option(
+            "--markdown", metavar="FILE", parser=options.written, help="Write the tables as Markdown, too."
+        ),
     ] = None,
     as_json: options.AsJson = False,
 ) -> None:

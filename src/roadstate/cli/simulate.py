@@ -27,7 +27,12 @@ def simulate(
     out: Annotated[
         Path,
         typer.Option(
-            "--out", "-o", metavar="FILE", help="Log to write: .csv, .parquet or .mf4.", show_default=False
+            "--out",
+            "-o",
+            metavar="FILE",
+            parser=options.written,
+            help="Log to write: .csv, .parquet or .mf4.",
+            show_default=False,
         ),
     ],
     vehicle: options.VehicleName = "family-car",

@@ -17,7 +17,14 @@ def tire(
         Path, typer.Argument(metavar="FILE", help="Tire property file (.tir).", show_default=False)
     ],
     plot: Annotated[
-        Path | None, typer.Option("--plot", "-p", metavar="HTML", help="Draw its curves into one HTML file.")
+        Path | None,
+        typer.Option(
+            "--plot",
+            "-p",
+            metavar="HTML",
+            parser=options.written,
+            help="Draw its curves into one HTML file.",
+        ),
     ] = None,
     load: Annotated[
         list[float] | None,
@@ -41,6 +48,7 @@ def tire(
     """Show what a tire property file holds, and draw its curves."""
     from roadstate.cli.console import console, print_json, table, text
     from roadstate.cli.errors import require
+    from roadstate.cli.outputs import staged_file
     from roadstate.cli.progress import working
     from roadstate.core.numerics import use_compilation_cache
 
@@ -67,18 +75,19 @@ def tire(
             from roadstate.report.tire_page import write_tire_page
 
             work.begin("drawing")
-            write_tire_page(
-                plot,
-                made,
-                loads=loads,
-                friction=mu,
-                title=file.name,
-                sentences=[sentence(facts)],
-                headline=found[0],
-                tables=found[1:],
-                fitted=None if result is None else result.model,
-                fitted_friction=mu if result is None else mu * result.friction_factor,
-            )
+            with staged_file(plot, "--plot") as temporary:
+                write_tire_page(
+                    temporary,
+                    made,
+                    loads=loads,
+                    friction=mu,
+                    title=file.name,
+                    sentences=[sentence(facts)],
+                    headline=found[0],
+                    tables=found[1:],
+                    fitted=None if result is None else result.model,
+                    fitted_friction=mu if result is None else mu * result.friction_factor,
+                )
             facts["plot"] = str(plot)
     if as_json:
         print_json(facts)
