@@ -51,6 +51,15 @@ def test_empty_mapping(refused: Refused, good: Path, tmp_path: Path) -> None:
     )
 
 
+def test_a_column_without_numbers_is_named(refused: Refused, tmp_path: Path) -> None:
+    """It was said to be missing, and to be mapped, which it was."""
+    file = csv(tmp_path / "log.csv", HEADER, [(0, 1, "NaN"), (1, 2, "NaN")])
+    assert refused(file, "--estimator", "kmbe") == (
+        "log.csv: 'kmbe' needs the longitudinal accelerometer (accel_x), and accel_x has no sample that is a "
+        "number; look at its column, and at 'range' and 'valid' in the mapping"
+    )
+
+
 def test_csv_without_time(refused: Refused, tmp_path: Path) -> None:
     file = csv(tmp_path / "log.csv", "speed [m/s],accel_x [m/s^2]", [(1, 2), (3, 4)])
     assert refused(file) == (

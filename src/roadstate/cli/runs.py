@@ -62,13 +62,12 @@ def run_log(
             channels would do for.
     """
     from roadstate.core.numerics import use_compilation_cache
-    from roadstate.estimators import build
     from roadstate.metrics import evaluate
     from roadstate.run.smooth import smoothable
 
     use_compilation_cache()
     chosen = list(dict.fromkeys(estimators)) or _all_that_run(log, smooth)
-    built = [build(one, vehicle, log.available) for one in chosen]
+    built = [_built(one, vehicle, log) for one in chosen]
     if smooth:
         for estimator in built:
             smoothable(estimator)
@@ -76,6 +75,22 @@ def run_log(
     results = dict(zip(chosen, _run_together(built, log, work, smooth), strict=True))
     metrics = {one: evaluate(estimates, log, settle=settle) for one, estimates in results.items()}
     return Run(name, log, results, {one: m for one, m in metrics.items() if m})
+
+
+def _built(name: str, vehicle: Vehicle, log: Log) -> Estimator[Any]:
+    """An estimator for the channels there; a refusal names a channel that is there but empty."""
+    from roadstate.core import InputError
+    from roadstate.estimators import build
+
+    try:
+        return build(name, vehicle, log.available)
+    except InputError as refusal:
+        empty = sorted(c for c in set(log.channels) - log.available if c in refusal.what)
+        if not empty:
+            raise
+        what = f"{refusal.what}, and {' and '.join(empty)} has no sample that is a number"
+        mend = "look at its column, and at 'range' and 'valid' in the mapping"
+        raise InputError(what, where=refusal.where, mend=mend) from refusal
 
 
 def _run_together(built: Sequence[Estimator[Any]], log: Log, work: Work, smooth: bool) -> list[Estimates]:
