@@ -19,7 +19,7 @@ FASTEST = 150.0
 """m/s: no car is so fast."""
 STEEPEST = 4.5
 """m/s² of gravity along it: no road is so steep."""
-_LARGEST = 1e7  # no figure of a car is so large in SI units, nor the 1σ of one
+_LARGEST = 1e9  # no figure of a car is so large in SI units, nor the 1σ of one of which nothing is known yet
 
 
 def is_astray(

@@ -234,7 +234,7 @@ class TwoStage(Estimator[TwoStageState]):
         stands = jnp.abs(speed) < SLOWEST
         validity = validity_of(mean, spread, stands=stands, age=contact.age, ok=info.ok & ok)
         new = TwoStageState(meter, yaw_rate, forces, friction, used, tire, validity)
-        return unspoilt(new, self.init(), after, forces, used.value, tire, contact.velocity), info
+        return unspoilt(new, self.init(), after, forces, used.value, tire), info
 
     def estimate(self, state: TwoStageState) -> Estimate:
         """Forces of wheels and axles, peak friction of the car and its groups with bounds, friction used."""
