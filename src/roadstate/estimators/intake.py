@@ -17,7 +17,7 @@ from roadstate.estimators.base import Sample
 from roadstate.estimators.blur import Blur
 from roadstate.estimators.quadratic import Quadratic
 from roadstate.estimators.shaking import Shaking
-from roadstate.estimators.signals import LARGEST, NEVER, signed_direction
+from roadstate.estimators.signals import NEVER, largest_of, signed_direction
 
 if TYPE_CHECKING:
     from roadstate.vehicles import Vehicle
@@ -38,7 +38,7 @@ _LEAST_MEMORY = 0.5  # share of that, at the least
 _LATE = (0.008, 0.008, 0.008, 0.0, -0.01, -0.01, -0.01, -0.01)
 STALE = 0.3
 """s without a sample after which a signal is no longer held."""
-_LARGEST = tuple(LARGEST[row.removesuffix(f"_{row[-2:]}") if row in WHEEL_SPEEDS else row] for row in ROWS)
+_LARGEST = tuple(map(largest_of, ROWS))
 _LARGEST_JUMP = (8.0, 8.0, 0.6, 0.2, 25.0, 25.0, 25.0, 25.0)  # in _JUMP_TIME; more is a spike
 _JUMP_TIME = 0.1  # s
 _SPIN_UP = (6.0, 1000.0)  # rad/s, and rad/s²: what noise, and brakes or drive, change a wheel's speed by

@@ -6,7 +6,6 @@ from collections.abc import Collection, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
@@ -47,6 +46,7 @@ from roadstate.estimators.signals import NEVER, STANDSTILL_SPEED
 from roadstate.estimators.tire_contact import ContactState
 from roadstate.estimators.watch import Watch, WatchState
 from roadstate.filters import KF, FilterState, GateRule
+from roadstate.filters.base import select
 from roadstate.linalg import root, rss
 
 if TYPE_CHECKING:
@@ -268,7 +268,7 @@ class Joint(Estimator[JointState]):
         found = (now.lies & (~verdict.lies)) | (now.swapped != verdict.swapped)
         # the car was taken to go backward as its wheels told
         turned = jnp.any((held.sense < 0) & (state.signals.sense == 0)) & (rolls * speed < 0)
-        trust = once(jax.tree.map(lambda new, kept: jnp.where(turned, new, kept), self.trust.init(), trust))
+        trust = once(select(turned, self.trust.init(), trust))
         caught = jnp.any(found) | turned
         rolls = jnp.where(jnp.any(seen.is_fresh[SPIN]), contact.rolling, speed)
         against = self._against(state.against, sample, seen, rolls, speed, forces.accel[0])
@@ -282,7 +282,7 @@ class Joint(Estimator[JointState]):
         along = along._replace(gaussian=self.along.doubt(along.gaussian, spoilt, begin))
         doubt = jnp.where(jnp.any(verdict.lies) | caught, _AFRESH, state.doubt - dt)
         afresh = (doubt > 0) | ~self.bank.is_sound(bank)
-        bank = once(jax.tree.map(lambda new, kept: jnp.where(afresh, new, kept), self.bank.init(), bank))
+        bank = once(select(afresh, self.bank.init(), bank))
         speed_age = jnp.where(jnp.any(jnp.isfinite(z) & tells), 0.0, state.speed_age + dt)
         refused = along.rejected > 0
         if "attitude" in self.sensors:

@@ -53,17 +53,21 @@ LARGEST = {
 """More than that no road vehicle makes, in SI units, however often it is told."""
 
 
+def largest_of(channel: str) -> float | None:
+    """Of :data:`LARGEST`, in which a wheel's channels share an entry; ``None`` where any value may be."""
+    return LARGEST.get(channel[:-3] if channel.endswith(_WHEELS) else channel)
+
+
 def believable(sample: Sample) -> Sample:
     """Without what no road vehicle makes, as error codes and what a logger writes for nothing: NaN instead.
 
     A gate refuses a wild measurement; of a wild input, which moves the state, a filter cannot know.
     """
 
-    def limited(channel: str, value: Float[Array, ""]) -> Float[Array, ""]:
-        name = channel[:-3] if channel.endswith(_WHEELS) else channel
-        return jnp.where(jnp.abs(value) <= LARGEST[name], value, jnp.nan) if name in LARGEST else value
+    def limited(value: Float[Array, ""], largest: float | None) -> Float[Array, ""]:
+        return value if largest is None else jnp.where(jnp.abs(value) <= largest, value, jnp.nan)
 
-    return {channel: limited(channel, value) for channel, value in sample.items()}
+    return {channel: limited(value, largest_of(channel)) for channel, value in sample.items()}
 
 
 class Held(NamedTuple):
