@@ -49,7 +49,7 @@ def test_tables_fit_80_columns_and_hold_the_numbers(run: Run) -> None:
 
 def test_files_appear_whole(run: Run, tmp_path: Path) -> None:
     pytest.importorskip("bokeh")
-    out, notes = tmp_path / "papers", tmp_path / "tables.md"
+    out, notes = tmp_path / "papers", tmp_path / "new" / "tables.md"
     words = ("--seeds", 1, "--plant", "full", "--plant", "matched", "--out", out, "--markdown", notes)
     end = run("papers", "fake", *words)
     assert (end.status, end.err) == (0, "")
@@ -113,7 +113,7 @@ def test_an_output_that_cannot_be_written_is_refused_before_all_work(
     file = tmp_path / "file"
     file.write_text("")
     assert_refusal(run("papers", "--out", file))
-    assert_refusal(run("papers", "--markdown", tmp_path / "nowhere" / "tables.md"))
+    assert_refusal(run("papers", "--markdown", file / "tables.md"))
     assert_refusal(run("papers", "--markdown", tmp_path))
 
 

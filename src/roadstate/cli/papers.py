@@ -79,10 +79,9 @@ def papers(
     """
     from roadstate.cli.console import console, print_json, text, to_json
     from roadstate.cli.errors import require
-    from roadstate.cli.outputs import staged
+    from roadstate.cli.outputs import staged, staged_file
     from roadstate.cli.progress import working
     from roadstate.core.numerics import use_compilation_cache
-    from roadstate.core.tabular import atomic_path
 
     if quick and seeds is not None:
         raise typer.BadParameter("give one of '--quick' and '--seeds'")
@@ -102,7 +101,7 @@ def papers(
     # what cannot be written is refused now, not after minutes
     with ExitStack() as stack:
         folder = None if out is None else stack.enter_context(staged(out))
-        tables = None if markdown is None else stack.enter_context(atomic_path(markdown))
+        tables = None if markdown is None else stack.enter_context(staged_file(markdown, "--markdown"))
         work = stack.enter_context(working())
 
         def progress(what: str, done: int, total: int) -> None:
