@@ -243,7 +243,7 @@ class Intake(eqx.Module):
         # a wheel that is locked stands still for good reason
         stuck = (repeats >= REPEATS) & active & ((np.arange(8) < SPIN.start) | (value != 0))
         age = jnp.where(taken, 0.0, since)
-        first = state.age >= NEVER
+        first = state.age > STALE  # what was before a silence says nothing of how it changes now
         lag = jnp.where(first, 1.0, -jnp.expm1(-dt / SMOOTHING))
         smooth = state.smooth + lag * (value - state.smooth)
         blur = state.blur.take(lag, age, STALE, dt)
