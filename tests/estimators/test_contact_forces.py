@@ -10,6 +10,7 @@ import pytest
 from jaxtyping import Array
 
 from roadstate.core import WHEELS
+from roadstate.core.constants import GRAVITY
 from roadstate.estimators.axle_forces import AxleForces
 from roadstate.estimators.contact_forces import ForceMeter, ForceMeterState
 from roadstate.estimators.intake import ACCEL_X, ACCEL_Y, SPIN, Signals
@@ -86,6 +87,35 @@ def test_an_engine_turns_with_the_mean_of_its_wheels(vehicle: Vehicle) -> None:
     np.testing.assert_allclose((apart - still)[:2], [-own, own], rtol=0.05)
     turned = line.engine_inertia * (gear * line.final_drive) ** 2 * 300.0 / radius**2
     np.testing.assert_allclose((both - still)[:2], -own - 0.5 * turned, rtol=0.05)
+
+
+@pytest.mark.parametrize(
+    ("slope", "brake", "found"), [(0.0, 0.0, False), (1.0, 0.0, False), (0.0, 1.2, True)]
+)
+def test_what_turns_up_an_engine_is_no_brake(
+    vehicle: Vehicle, slope: float, brake: float, found: bool
+) -> None:
+    """In first gear a quarter of the torque goes into the engine; nothing tells of brakes."""
+    gear, line, radius = 3.62, vehicle.driveline, vehicle.wheels.radius
+    meter, zero, accel = ForceMeter(vehicle, ["engine_torque", "gear_ratio"]), jnp.zeros(8), 4.0
+    ratio = gear * line.final_drive
+    mass = vehicle.effective_mass(0.0) + line.engine_inertia * (ratio / radius) ** 2
+    rolling = vehicle.rolling_resistance.coefficient + vehicle.rolling_resistance.speed_coefficient * SPEED**2
+    force = mass * accel + vehicle.drag_factor * SPEED**2
+    force += vehicle.mass * (slope + GRAVITY * rolling + brake)
+    sample = {"engine_torque": force * radius / ratio / line.efficiency, "gear_ratio": gear}
+    felt = zero.at[ACCEL_X].set((accel + slope) * (1 + GRAVITY * vehicle.body.pitch_gradient))
+    turns = zero.at[SPIN].set(accel / radius)
+    signals = Signals(
+        felt, zero, jnp.ones(8, bool), felt, turns, zero, zero, felt, turns, jnp.zeros(2), jnp.zeros(8, bool)
+    )
+    numbers = [jnp.asarray(n) for n in (SPEED, slope, STEP)]
+    arrays = {channel: jnp.asarray(value) for channel, value in sample.items()}
+    step = eqx.filter_jit(meter.read)
+    state = meter.init()
+    for _ in range(200):
+        state, forces = step(state, arrays, signals, numbers[0], jnp.zeros(2), *numbers[1:])
+    assert bool(forces.is_brake_unknown) == found
 
 
 def test_what_a_wheel_gets_of_an_engine_is_less_sure_than_what_is_measured_there(vehicle: Vehicle) -> None:

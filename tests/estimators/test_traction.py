@@ -274,12 +274,37 @@ class TestBrakes:
         assert not self.brakes(vehicle, brake_pressure_fl=5e4).is_braking
         assert not self.brakes(vehicle, brake_torque_fl=10.0).is_braking
 
-    def test_torque_is_preferred_to_pressure(self, vehicle: Vehicle, R: float) -> None:
+    def test_torque_is_preferred_to_pressure(self, vehicle: Vehicle) -> None:
         traction = self.brakes(vehicle, brake_torque_fl=500.0, brake_pressure_fl=1e7)
-        assert float(traction.force) == pytest.approx(-500 / R)
+        assert float(traction.brake_torque[0]) == 500
 
     def test_the_sign_of_a_brake_torque_does_not_matter(self, vehicle: Vehicle, R: float) -> None:
-        assert float(self.brakes(vehicle, brake_torque_fl=-500.0).force) == pytest.approx(-500 / R)
+        told = {f"brake_torque_{w}": -500.0 for w in WHEELS}
+        assert float(self.brakes(vehicle, **told).force) == pytest.approx(-2000 / R)
+
+    @pytest.mark.parametrize(
+        ("told", "torques"),
+        [
+            ({"brake_pressure_fl": 4e6}, [800, 800, 400, 400]),  # a master cylinder's, mapped once
+            ({"brake_pressure_rr": 4e6}, [800, 800, 400, 400]),
+            ({"brake_torque_fl": 600.0, "brake_torque_fr": 1000.0}, [600, 1000, 400, 400]),
+            ({"brake_torque_fl": 600.0, "brake_torque_rl": 50.0}, [600, 600, 50, 50]),
+        ],
+    )
+    def test_wheels_of_which_nothing_is_told_brake_as_the_others(
+        self, vehicle: Vehicle, told: dict[str, float], torques: list[float]
+    ) -> None:
+        """The other side as this one; the other axle as the same pressure makes it: half of the front's."""
+        traction = self.brakes(vehicle, **told)
+        np.testing.assert_allclose(traction.brake_torque, torques)
+        assert not traction.is_brake_unknown
+
+    def test_half_a_cars_brakes_are_unknown_ones_where_no_file_shares_them(self, vehicle: Vehicle) -> None:
+        bare = vehicle.model_copy(update={"brakes": None})
+        traction = self.brakes(bare, brake_torque_fl=500.0, brake_torque_fr=500.0)
+        assert traction.is_braking
+        assert traction.is_brake_unknown
+        assert not self.brakes(bare, brake_torque_fl=10.0, brake_torque_fr=10.0).is_brake_unknown
 
     def test_without_a_channel_nothing_is_known(self, vehicle: Vehicle) -> None:
         meter = TractionMeter(vehicle, {"drive_torque_fl", "drive_torque_fr"})

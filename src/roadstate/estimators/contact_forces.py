@@ -27,15 +27,8 @@ from roadstate.estimators.intake import (
 )
 from roadstate.estimators.load_transfer import Lean
 from roadstate.estimators.signals import NEVER, STANDSTILL_SPEED, Held, way
-from roadstate.estimators.traction import (
-    LEAST_BRAKING,
-    UNKNOWN,
-    BrakeWatch,
-    Traction,
-    TractionMeter,
-    TractionState,
-    UnseenBrakes,
-)
+from roadstate.estimators.traction import LEAST_BRAKING, UNKNOWN, Traction, TractionMeter, TractionState
+from roadstate.estimators.unseen_brakes import BrakeWatch, UnseenBrakes
 from roadstate.linalg import rss
 from roadstate.vehicles import SevenDofForces
 
@@ -237,17 +230,19 @@ class ForceMeter(eqx.Module):
         direction = jnp.tanh(speed / STANDSTILL_SPEED)
         most = _LARGEST * mass * GRAVITY * radius
         pulling = jnp.clip(drive.drive_torque, -most, most)
-        braking = jnp.minimum(drive.brake_torque, most) * direction
-        fresh = jnp.concatenate([pulling, braking])
+        fresh = jnp.concatenate([pulling, jnp.minimum(drive.brake_torque, most) * direction])
         new = jnp.where(state.age < STALE, -jnp.expm1(-dt / SMOOTHING), 1.0)
         torque = state.torque + new * (fresh - state.torque)
-        held = Held(signals.value[ACCEL_X], signals.age[ACCEL_X])
+        sharp = self._freed(signals.now, lean.ahead(SMOOTHING)) - accel_error
+        held = Held(sharp[0], signals.age[ACCEL_X])
         push, gentle = (jnp.sum(part) / (radius * mass) for part in (pulling, torque[:4]))
         angle, forward = jnp.clip(signals.smooth[STEER], -0.9, 0.9), way(speed)
         bend = held_back(accel[1], angle, car.cg_to_rear_axle / car.wheelbase)
-        brakes = state.brakes.take(held, push - drag - bend, gentle, forward, dt)
-        unseen = brakes.unseen(drive, self.knows_brakes, held.age < STALE)
         coefficient = car.rolling_resistance + car.rolling_resistance_speed * speed**2
+        turns_up = (drive.inertia / mass - 1) * (accel[0] - slope)
+        lost = drag + bend + GRAVITY * coefficient * direction + turns_up
+        brakes = state.brakes.take(held, push - lost, gentle, forward, dt)
+        unseen = brakes.unseen(drive, self.knows_brakes, held.age < STALE)
         brakes_hold = jnp.sum(drive.brake_torque) > LEAST_BRAKING * mass * radius
         brakes_hold = brakes_hold | unseen.act | (drive.age >= STALE)
         scene = _Scene(
@@ -266,10 +261,8 @@ class ForceMeter(eqx.Module):
             held=state.held,
         )
         slow = self._balance(accel, signals.rate, torque, scene)
-        sharp = self._freed(signals.now, lean.ahead(SMOOTHING)) - accel_error
         fast = self._balance(sharp, signals.now_rate, fresh, scene)
-        along, rest, blind = slow.along, slow.rest, slow.blind
-        kept = jnp.where(scene.is_held, state.held, along)
+        kept = jnp.where(scene.is_held, state.held, slow.along)
         axles = by_axle(load)
         current = jnp.stack([by_axle(fast.along), by_axle(fast.told), fast.across])
         # anti-lock brakes shake a car along, swift steering across, but only a rough road both ways
@@ -279,9 +272,9 @@ class ForceMeter(eqx.Module):
         calm = state.calm + share[:, None] * (current - state.calm)
         swift = calm + damped(current - calm, noise[:, None] * axles)
         now = Current(swift[0], swift[1], swift[2], signals.now_rate[YAW_RATE])
-        ahead = jnp.abs(jnp.stack([current[0] - by_axle(along), fast.across - slow.across]))
+        ahead = jnp.abs(jnp.stack([current[0] - by_axle(slow.along), fast.across - slow.across]))
         stir = jnp.maximum(ahead, state.stir * jnp.exp(-dt / _STIRRED))
-        split = jnp.where(blind, _SPLIT_ERROR * jnp.max(jnp.abs(along)), 0.02 * jnp.abs(rest) * jnp.ones(4))
+        split = jnp.where(slow.blind, _SPLIT_ERROR * jnp.max(jnp.abs(slow.along)), 0.02 * jnp.abs(slow.rest))
         if self.torque_of == "engine":
             split = rss(split, _DIFFERENTIAL * jnp.abs(torque[:4]) / radius)
         unsure = jnp.where(scene.felt | (scene.known & ~unseen.act), 0.0, jnp.inf)
@@ -290,7 +283,7 @@ class ForceMeter(eqx.Module):
         missing = jnp.where((signals.age[ACCEL_Y] < STALE) & (signals.age[YAW_RATE] < STALE), 0.0, jnp.inf)
         gust = 2 * drag / jnp.maximum(jnp.abs(speed), 1.0) * _GUST
         forces = AxleForces(
-            along=along,
+            along=slow.along,
             across=slow.across,
             load=load,
             steady=slow.steady,

@@ -28,7 +28,8 @@ from roadstate.estimators.signals import (
     signed_direction,
     way,
 )
-from roadstate.estimators.traction import UNKNOWN, BrakeWatch, TractionMeter, TractionState
+from roadstate.estimators.traction import UNKNOWN, TractionMeter, TractionState
+from roadstate.estimators.unseen_brakes import BrakeWatch
 from roadstate.filters import UKF, FilterState, GateRule
 from roadstate.linalg import root, rss
 from roadstate.statespace import StateSpaceModel
@@ -248,7 +249,9 @@ class DEBE(Estimator[DEBEState]):
         push = jnp.where(known, drive.force / self.mass, 0.0)
         # of what cornering costs an accelerometer tells what the front tires hold back, and no v_y r
         bend = held_back(lateral, jnp.where(steer.age < _STALE, steer.value, 0.0), self.front_share)
-        explained = push - self.model.resistance(speed, grade) - bend
+        share = self.mass / drive.inertia
+        resists = self.model.resistance(speed, grade) + bend
+        explained = share * (push - resists) + (1 - share) * GRAVITY * jnp.sin(grade)
         watch = state.brakes.take(accel, explained, drive.drive_force / self.mass, way(speed), dt)
         unseen = watch.unseen(drive, self.traction.knows_brakes, accel.age < _SILENT)
         unknown = unseen.act
@@ -265,7 +268,6 @@ class DEBE(Estimator[DEBEState]):
             jnp.where(unknown | unseen.may_act, UNKNOWN["brake"], 0.0),
             jnp.where(known & ~stands, 0.0, UNKNOWN["drive"]),
         )
-        share = self.mass / drive.inertia
         speeds, speed_std = self.meter.read(
             sample,
             jnp.where(yaw_rate.age < _STALE, yaw_rate.value, 0.0),

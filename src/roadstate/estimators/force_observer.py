@@ -24,7 +24,8 @@ from roadstate.estimators.tire_forces import (
     ForceInput,
     TireForceModel,
 )
-from roadstate.estimators.traction import UNKNOWN, BrakeWatch, Traction, TractionMeter, TractionState
+from roadstate.estimators.traction import UNKNOWN, Traction, TractionMeter, TractionState
+from roadstate.estimators.unseen_brakes import BrakeWatch
 from roadstate.filters import FilterState, GateRule
 from roadstate.filters.marginal import MarginalUKF
 from roadstate.linalg import rss
@@ -166,7 +167,11 @@ class ForceObserver(eqx.Module):
         angle = jnp.clip(held["steer"].value, -0.9, 0.9)
         drag = car.drag(speed) / mass
         bend = held_back(held["accel_y"].value / self._lean[1], angle, car.cg_to_rear_axle / car.wheelbase)
-        brakes = state.brakes.take(held["accel_x"], push - drag - bend, gentle, way(speed), dt)
+        coefficient = car.rolling_resistance + car.rolling_resistance_speed * speed**2
+        rolls = jnp.tanh(speed / STANDSTILL_SPEED)
+        turns_up = (drive.inertia / mass - 1) * state.smooth[8]  # but for what a slope does to it
+        explained = push - drag - bend - GRAVITY * coefficient * rolls - turns_up
+        brakes = state.brakes.take(held["accel_x"], explained, gentle, way(speed), dt)
         unseen = brakes.unseen(drive, self._traction.knows_brakes, held["accel_x"].age < _STALE)
         direction = signed_direction(held["gear_ratio"].value)
         turning = jnp.stack([sample[f"wheel_speed_{w}"] for w in WHEELS])
@@ -177,8 +182,7 @@ class ForceObserver(eqx.Module):
         noise = self._torque_noise(drive, jump, unseen.may_act, speed)
         step = span(jnp.stack([state.held[n].age for n in FELT[:2]]), dt, _STALE)
         load = self._load(state)
-        rolling = load * radius * jnp.tanh(speed / STANDSTILL_SPEED)
-        coefficient = car.rolling_resistance + car.rolling_resistance_speed * speed**2
+        rolling = load * radius * rolls
         u = ForceInput(
             gain=self.model.gain(angle),
             drag=drag,

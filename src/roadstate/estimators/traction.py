@@ -8,6 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
+from numpy.typing import NDArray
 
 from roadstate.core.channels import WHEELS
 from roadstate.core.errors import InputError
@@ -30,12 +31,6 @@ _BRAKE_RELATIVE = 0.2  # 1σ of a brake's torque per pressure (pads, temperature
 LEAST_BRAKING = 0.15
 """m/s²: a brake torque that slows the car down by less is noise or drag."""
 _LEAST_PRESSURE = 1e5  # Pa: as much holds the pads back
-_BRAKE_LAG = 0.3  # s: filter of the acceleration that betrays a brake
-_BRAKE_SIGN = 0.8  # m/s²: missing specific force that betrays a brake while the engine pulls
-_BRAKE_SIGN_COASTING = 0.3  # m/s²: the same with the pedal released, when a brake is likely
-_COASTING = 0.4  # m/s²: drive below which the pedal counts as released
-_SUDDEN = 0.5  # m/s² missing at one instant with the pedal released: a brake that has just begun
-_PULLS = (0.1, 0.5)  # m/s², s: so much drive for so long and the foot is not on the brake
 # m/s² by which drive changes within a second before its samples tell, and s that they are asked for
 _WANDERS = (0.5, 10.0)
 _GAP_TIME = 5.0  # s for which the longest time between two samples is remembered
@@ -80,92 +75,6 @@ class Traction(NamedTuple):
     is_brake_unknown: Bool[Array, ""]
     drive_torque: Float[Array, " 4"]
     brake_torque: Float[Array, " 4"]
-
-
-class UnseenBrakes(NamedTuple):
-    """What brakes may do that no channel tells of.
-
-    Attributes:
-        act: they do.
-        may_act: they do, or there is no telling.
-    """
-
-    act: Bool[Array, ""]
-    may_act: Bool[Array, ""]
-
-
-class BrakeWatch(NamedTuple):
-    """Betrays brakes that no channel tells of: specific force is what tires and air do, whatever the slope.
-
-    Attributes:
-        missing: low-passed specific force (m/s²) that is there beyond what the drive explains, in the
-            direction of travel.
-        now: the same at this instant.
-        coasting: whether the drive hardly pulls.
-        pulled: s for which it has pulled so that nobody brakes; once it was long enough, it stays so.
-    """
-
-    missing: Float[Array, ""]
-    now: Float[Array, ""]
-    coasting: Bool[Array, ""]
-    pulled: Float[Array, ""]
-
-    @classmethod
-    def none(cls) -> BrakeWatch:
-        """Before the first sample."""
-        zero = jnp.zeros(())
-        return cls(zero, zero, zero > 0, zero)
-
-    def take(
-        self,
-        accel: Held,
-        explained: Float[Array, ""],
-        push: Float[Array, ""],
-        forward: Float[Array, ""],
-        dt: Float[Array, ""],
-    ) -> BrakeWatch:
-        """A sample later.
-
-        Args:
-            accel: specific force, m/s².
-            explained: what is known to act makes of it, m/s².
-            push: the drive's part, m/s².
-            forward: −1 where the car backs up, else 1.
-            dt: s.
-        """
-        push = forward * push
-        now = jnp.where(accel.age == 0, forward * (accel.value - explained), self.missing)
-        missing = self.missing - jnp.expm1(-dt / _BRAKE_LAG) * (now - self.missing)
-        pulled = jnp.where(jnp.abs(push) > _PULLS[0], self.pulled + dt, 0.0)
-        pulled = jnp.where(self.seems, 0.0, pulled)
-        return BrakeWatch(
-            missing, now, push < _COASTING, jnp.where(self.pulled > _PULLS[1], self.pulled, pulled)
-        )
-
-    @property
-    def seems(self) -> Bool[Array, ""]:
-        """Whether so much is missing that brakes act; released pedals make it likelier."""
-        return self.missing < -jnp.where(self.coasting, _BRAKE_SIGN_COASTING, _BRAKE_SIGN)
-
-    @property
-    def possible(self) -> Bool[Array, ""]:
-        """Whether what is missing may be a brake's all the same, and must not be learnt as a bias.
-
-        It may where it is too sudden for a low pass, and where the log has begun with the pedal released.
-        """
-        begins = self.coasting & (self.now < -_SUDDEN)
-        return begins | (self.pulled <= _PULLS[1])
-
-    def unseen(self, drive: Traction, knows_brakes: bool, felt: Bool[Array, ""]) -> UnseenBrakes:
-        """Verdict on brakes that no channel tells of.
-
-        Args:
-            drive: what torques and pedals tell.
-            knows_brakes: whether any brake channel is there.
-            felt: whether the accelerometer tells anything.
-        """
-        act = drive.is_brake_unknown | (self.seems & felt & (not knows_brakes))
-        return UnseenBrakes(act, act | (self.possible & (not knows_brakes)))
 
 
 class TractionState(NamedTuple):
@@ -215,6 +124,7 @@ class TractionMeter(eqx.Module):
     _split: Float[Array, " 4"]
     _ratio_range: Float[Array, " 2"]
     _brake_gain: Float[Array, " 4"]
+    _brake_shares: Float[Array, "4 4"] | None
 
     def __init__(self, vehicle: Vehicle, available: Collection[str]) -> None:
         driveline = vehicle.driveline
@@ -248,10 +158,10 @@ class TractionMeter(eqx.Module):
         brakes = [f"{kind}_{w}" for kind in ("brake_torque", "brake_pressure") for w in WHEELS]
         brakes = [b for b in (*brakes, "brake") if b in available]
         self.knows_brakes = bool(brakes)
-        self._measures_brakes = any(
-            b.startswith("brake_torque") or (b.startswith("brake_pressure") and vehicle.brakes is not None)
-            for b in brakes
-        )
+        told = [
+            f"brake_torque_{w}" in brakes or (f"brake_pressure_{w}" in brakes and vehicle.brakes is not None)
+            for w in WHEELS
+        ]
         self.channels = (*used, *brakes)
         self._wheels = wheels
         self._radius = jnp.asarray(vehicle.wheels.radius)
@@ -265,7 +175,11 @@ class TractionMeter(eqx.Module):
         gains = (0.0, 0.0)
         if vehicle.brakes is not None:
             gains = (vehicle.brakes.torque_per_pressure_front, vehicle.brakes.torque_per_pressure_rear)
-        self._brake_gain = jnp.asarray(np.array([gains[0], gains[0], gains[1], gains[1]]))
+        each = np.array([gains[0], gains[0], gains[1], gains[1]])
+        self._brake_gain = jnp.asarray(each)
+        shares = None if all(told) else _brakes_of(np.array(told), each)
+        self._measures_brakes = all(told) or shares is not None
+        self._brake_shares = None if shares is None else jnp.asarray(shares)
 
     def init(self) -> TractionState:
         """Nothing has come yet."""
@@ -374,5 +288,25 @@ class TractionMeter(eqx.Module):
         if "brake" in held:
             pressed |= held["brake"].value > 0
         torque = jnp.stack(torques)
+        if self._brake_shares is not None:
+            torque = self._brake_shares @ torque
         acts = pressed | (jnp.sum(torque) > LEAST_BRAKING * self._mass * self._radius)
-        return jnp.where(acts, torque, 0.0), pressed
+        return jnp.where(acts, torque, 0.0), pressed if self._measures_brakes else acts
+
+
+def _brakes_of(told: NDArray[np.bool_], gain: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """(4, 4) torque of each brake by those that are told: as much as on the axle's other side, else as the
+    same pressure makes of it; ``None`` where nothing says how much the other axle brakes."""
+    if not told.any():
+        return None
+    share = np.diag(told.astype(float))
+    for wheel in np.flatnonzero(~told):
+        beside = wheel ^ 1
+        if told[beside]:
+            share[wheel, beside] = 1.0
+            continue
+        others = np.flatnonzero(told)
+        if not gain[others[0]]:
+            return None
+        share[wheel, others] = gain[wheel] / gain[others[0]] / len(others)
+    return share
