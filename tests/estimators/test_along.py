@@ -15,7 +15,7 @@ from roadstate.core import Log
 from roadstate.core.channels import WHEELS
 from roadstate.core.gaussian import Gaussian
 from roadstate.estimators import build
-from roadstate.estimators.along import LATE, SPEED, AlongInput, AlongModel
+from roadstate.estimators.along import BIAS, LATE, SLOPE, SPEED, AlongInput, AlongModel
 from roadstate.estimators.pitch import Pitching
 from roadstate.filters import KF, FilterState
 from roadstate.run import batch
@@ -37,8 +37,8 @@ def given(speed: Numbers, accel: Numbers, slip: Numbers) -> AlongInput:
     """Straight on, with forces that make each wheel slip as said."""
     zero = jnp.zeros(())
     return AlongInput(
-        accel=zero + accel, gaining=zero + accel, lean=zero + accel, lasting=zero + accel, drive=zero,
-        brake=zero, rolling=zero, drag=zero, lever=zero,
+        accel=zero + accel, by_torque=zero > 0, gaining=zero + accel, lean=zero + accel,
+        lasting=zero + accel, drive=zero, brake=zero, rolling=zero, drag=zero, lever=zero,
         speed=zero + speed, intensity=zero + 0.02, smooth_across=zero, turning=zero,
         pitching=Pitching(zero, zero), slip=jnp.full(4, slip), sensor_std=jnp.full(4, NOISE),
     )  # fmt: skip
@@ -68,6 +68,21 @@ def test_a_heavier_car_is_moved_less_by_torques_and_by_air() -> None:
     told = known.h(jnp.asarray(x), u)[known.sensors.index("traction")]
     force = FORCES["drive"] - FORCES["brake"] - FORCES["drag"]
     assert float(told) == pytest.approx(force / (1 + share) - force, rel=1e-3)
+
+
+def test_without_an_accelerometer_torques_push_the_car_as_heavy_as_it_is() -> None:
+    """v̇ = F/(m (1 + ε_m)) − g sin θ of torques; the accelerometer's bias has no part in it."""
+    known = AlongModel(load_vehicle("family-car"), CHANNELS, torque_of="wheels")
+    x = np.zeros(len(known.states))
+    share = 1e-4
+    x[known.place("mass")], x[BIAS], x[SLOPE] = share, 0.3, 0.1
+    u = given(30.0, 0.0, 0.0)._replace(**{k: jnp.asarray(v) for k, v in FORCES.items()})
+    force = FORCES["drive"] - FORCES["brake"] - FORCES["drag"]
+    by_torque = u._replace(accel=jnp.asarray(force), by_torque=jnp.asarray(True))
+    found = float(known.speeds_up(jnp.asarray(x), by_torque)) - force
+    assert found == pytest.approx(force / (1 + share) - force - 0.1, abs=1e-3 * share * abs(force))
+    felt = by_torque._replace(by_torque=jnp.asarray(False))
+    assert float(known.speeds_up(jnp.asarray(x), felt)) == pytest.approx(force - 0.3 - 0.1)
 
 
 def test_what_all_wheels_seem_to_slip_is_as_uncertain_as_radius_and_speed_together() -> None:

@@ -33,7 +33,6 @@ _BRAKE_LASTING = 600.0  # s: pads warm up
 _CAUGHT = 2.0  # m/s: 1σ of what a sensor's lies do to the speed until they are found
 _SLIP = (0.5, 1.0)  # 1σ of what wheels slip beyond their force, as a share of that, and s for which it lasts
 LATE = (0.06, 0.04)  # s by which a receiver's speed is late: mean and 1σ
-_WHEEL_SPREAD = 0.003  # 1σ of one wheel's radius against the others'
 
 
 class AlongInput(NamedTuple):
@@ -41,6 +40,7 @@ class AlongInput(NamedTuple):
 
     Attributes:
         accel: specific force along x, freed of pitch, plus v_y r, m/s².
+        by_torque: whether torques tell it, for want of an accelerometer that does.
         gaining: how fast the car speeds up, low-passed, m/s².
         lean: that at which the body would for good pitch as far as it does now, m/s².
         lasting: what of it lasts for half a second, m/s². Scale and pitch gradient multiply that: did they
@@ -59,6 +59,7 @@ class AlongInput(NamedTuple):
     """
 
     accel: Float[Array, ""]
+    by_torque: Bool[Array, ""]
     gaining: Float[Array, ""]
     lean: Float[Array, ""]
     lasting: Float[Array, ""]
@@ -163,10 +164,9 @@ class AlongModel(StateSpaceModel):
     def f(self, x: Float[Array, " n"], u: AlongInput, dt: Float[Array, ""]) -> Float[Array, " n"]:
         """Explicit Euler in the speed, exact in the rest."""
         count = len(self.slow_time)
-        along = u.accel - x[SLOPE] - self.accel_error(x, u)
         road = self.road.transition(jnp.abs(u.speed) * dt) @ x[1:3]
         slow = x[3 : 3 + count] * jnp.exp(-dt / self.slow_time)
-        parts = [x[:1] + dt * along, road, slow]
+        parts = [x[:1] + dt * self.speeds_up(x, u), road, slow]
         if "attitude" in self.states:
             roll = x[self.place("mounting_roll")] + x[self.place("roll_gradient")] * u.smooth_across
             rate = u.pitching.rate + x[self.place("pitch_rate_bias")] + u.turning * roll
@@ -183,6 +183,21 @@ class AlongModel(StateSpaceModel):
             error += x[self.place("mounting_yaw")] * u.smooth_across
         return error
 
+    def torque_error(self, x: Float[Array, " n"], u: AlongInput) -> Float[Array, ""]:
+        """By how much less torques explain than there is, m/s²; nothing where none are told."""
+        if "mass" not in self.states:
+            return jnp.zeros(())
+        mass, drive, brake, resistance = (x[self.place("mass") + i] for i in range(4))
+        gains = (drive - mass) * u.drive - (brake - mass) * u.brake + mass * u.drag
+        gains -= resistance * u.rolling
+        if "torque_zero" in self.states:
+            gains += x[self.place("torque_zero")] * u.lever
+        return gains
+
+    def speeds_up(self, x: Float[Array, " n"], u: AlongInput) -> Float[Array, ""]:
+        """dv_x/dt, m/s²: by the accelerometer, or by torques and what has been learnt of those."""
+        return u.accel - x[SLOPE] + jnp.where(u.by_torque, self.torque_error(x, u), -self.accel_error(x, u))
+
     def h(self, x: Float[Array, " n"], u: AlongInput) -> Float[Array, " m"]:
         """In the order of the sensors."""
         rows = []
@@ -192,12 +207,7 @@ class AlongModel(StateSpaceModel):
             elif sensor == "vertical_speed":
                 rows.append(u.speed * x[SLOPE] / GRAVITY)
             elif sensor == "traction":
-                mass, drive, brake, resistance = (x[self.place("mass") + i] for i in range(4))
-                gains = (drive - mass) * u.drive - (brake - mass) * u.brake + mass * u.drag
-                gains -= resistance * u.rolling
-                if "torque_zero" in self.states:
-                    gains += x[self.place("torque_zero")] * u.lever
-                rows.append(self.accel_error(x, u) + gains)
+                rows.append(self.accel_error(x, u) + self.torque_error(x, u))
             elif sensor == "attitude":
                 leans = self.lean_gradient * u.lean + x[self.place("lean_gradient")] * u.lasting
                 rows.append(x[self.place("attitude")] - x[SLOPE] / GRAVITY - leans)

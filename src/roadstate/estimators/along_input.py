@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 from roadstate.core.constants import GRAVITY
 from roadstate.core.gaussian import Info
 from roadstate.core.kernel import once
-from roadstate.estimators.along import BIAS, SCALE, SLOPE, SPEED, AlongInput
+from roadstate.estimators.along import BIAS, SLOPE, SPEED, AlongInput
 from roadstate.estimators.axle_forces import AxleForces
 from roadstate.estimators.base import Sample, leaf
 from roadstate.estimators.contact_forces import CALM
@@ -170,15 +170,15 @@ class AlongIntake(eqx.Module):
         raw = 0.5 * (seen.value[ACCEL_X] + before)
         lean = forces.lean.ahead(SMOOTHING)
         raw = lean.freed(raw, self.pitching)
-        by_torque = forces.explained + x[BIAS] + x[SCALE] * lean.lasting
-        known = (forces.age < STALE) & (~forces.is_brake_unknown)
-        accel = jnp.where(felt, raw, jnp.where(known, by_torque, x[SLOPE] + x[BIAS]))
-        intensity = jnp.where(felt, self.accel_noise, jnp.where(known, forces.intensity, _UNSEEN))
+        by_torque = ~felt & (forces.age < STALE) & (~forces.is_brake_unknown)
+        accel = jnp.where(felt, raw, jnp.where(by_torque, forces.explained, x[SLOPE] + x[BIAS]))
+        intensity = jnp.where(felt, self.accel_noise, jnp.where(by_torque, forces.intensity, _UNSEEN))
         between = jnp.clip(_BETWEEN[0] * (dt - STALE), 0.0, _BETWEEN[1]) * root(dt)
         turning = jnp.where(seen.age[YAW_RATE] < STALE, seen.smooth[YAW_RATE], 0.0)
         u = AlongInput(
             accel=accel + velocity_y * turning,
-            gaining=forces.accel[0] - x[BIAS] - x[SLOPE],
+            by_torque=by_torque,
+            gaining=forces.accel[0] - x[SLOPE],
             lean=lean.accel,
             lasting=lean.lasting,
             drive=forces.drive,
@@ -198,7 +198,8 @@ class AlongIntake(eqx.Module):
         wheels = [i for i, w in enumerate(WHEEL_SPEEDS) if w in self.sensors]
         contact = state.contact
         if wheels:
-            gain, unsure = accel - x[BIAS] - x[SLOPE], state.along.gaussian.std[SLOPE]
+            gain = accel - x[SLOPE] - jnp.where(by_torque, 0.0, x[BIAS])
+            unsure = state.along.gaussian.std[SLOPE]
             contact, rim, std = self.contact.rims(
                 contact, seen, forces, turning, speed, spread, gain, unsure, since[SPIN], dt
             )

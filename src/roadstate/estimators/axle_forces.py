@@ -40,7 +40,8 @@ class AxleForces(NamedTuple):
         shaken: (2,) root mean square of what the road shakes the accelerometers by, m/s².
         along_std, across_std: (4,), (2,) 1σ over load, beyond what every such measurement errs; infinite
             where nothing tells.
-        accel: (2,) specific force at the accelerometer along and across, low-passed, m/s².
+        accel: (2,) specific force at the accelerometer along and across, low-passed, without its known
+            errors, m/s².
         lean: of the body, as late as ``accel``.
         yaw_accel: rad/s², low-passed.
         explained: what torques and air resistance make of the first, m/s².

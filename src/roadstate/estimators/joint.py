@@ -257,7 +257,7 @@ class Joint(Estimator[JointState]):
         shortfall = self.inputs.falls_short(state.shortfall, info, u, forces, dt)
         speed = along.gaussian.mean[SPEED]
         rolling = self.along.rolling(along.gaussian, jnp.maximum(jnp.abs(speed), 1.0))
-        gain = u.accel - along.gaussian.mean[SLOPE] - along.gaussian.mean[BIAS]
+        gain = self.along.speeds_up(along.gaussian.mean, u)
         since = jnp.where(state.speed_age < NEVER, dt, NEVER)
         contact, touch = self.inputs.contact.touch(contact, seen, forces, speed, rolling, gain, since)
         late = self.watch.lateness(watch, WHEEL_SPEEDS) * gain / jnp.maximum(jnp.abs(speed), 1.0)
