@@ -58,6 +58,15 @@ def test_is_the_exact_discretisation(parts: Any, distance: float) -> None:
         np.testing.assert_allclose(root @ root.T, leading, rtol=4 * x + 1e-9)
 
 
+@pytest.mark.parametrize("distance", [0.02, 3.0, 60.0])
+def test_a_car_that_backs_up_sees_the_road_turned_round(parts: Any, distance: float) -> None:
+    """The same process in the other direction: what changes sign is dθ/ds."""
+    turn = np.diag([1.0, -1.0])
+    (F, root), (back, back_root) = parts(distance), parts(-distance)
+    np.testing.assert_allclose(back, turn @ F @ turn, rtol=1e-12)
+    np.testing.assert_allclose(back_root @ back_root.T, turn @ root @ root.T @ turn, rtol=1e-12)
+
+
 def test_no_distance_changes_nothing(parts: Any) -> None:
     F, root = parts(0.0)
     np.testing.assert_array_equal(F, np.eye(2))

@@ -31,6 +31,7 @@ _ACCEL_SCALE = 0.01  # 1σ of the accelerometer's scale
 _LASTING = 3600.0  # s over which what belongs to the car or its sensors keeps its value
 _BRAKE_LASTING = 600.0  # s: pads warm up
 _CAUGHT = 2.0  # m/s: 1σ of what a sensor's lies do to the speed until they are found
+_BRAKE_TOLD = 0.05  # 1σ of a brake's torque that the car tells, as a share: pads are not measured
 _SLIP = (0.5, 1.0)  # 1σ of what wheels slip beyond their force, as a share of that, and s for which it lasts
 LATE = (0.06, 0.04)  # s by which a receiver's speed is late: mean and 1σ
 
@@ -137,7 +138,8 @@ class AlongModel(StateSpaceModel):
             measured = any(c.startswith("brake_torque") for c in available)
             slow["mass"] = (prior.mass_relative, _LASTING)
             slow["drive_gain"] = (torque.relative, _LASTING)
-            slow["brake_gain"] = (torque.relative if measured else BRAKE_RELATIVE, _BRAKE_LASTING)
+            told = max(torque.relative, _BRAKE_TOLD)
+            slow["brake_gain"] = (told if measured else BRAKE_RELATIVE, _BRAKE_LASTING)
             zero = _as_resistance(vehicle, torque.bias) if at_wheels else 0.0
             slow["resistance"] = (float(np.hypot(prior.rolling_resistance_std, zero)), _LASTING)
             if not at_wheels:  # low gears multiply what an engine's torque is off by
@@ -164,7 +166,7 @@ class AlongModel(StateSpaceModel):
     def f(self, x: Float[Array, " n"], u: AlongInput, dt: Float[Array, ""]) -> Float[Array, " n"]:
         """Explicit Euler in the speed, exact in the rest."""
         count = len(self.slow_time)
-        road = self.road.transition(jnp.abs(u.speed) * dt) @ x[1:3]
+        road = self.road.transition(u.speed * dt) @ x[1:3]
         slow = x[3 : 3 + count] * jnp.exp(-dt / self.slow_time)
         parts = [x[:1] + dt * self.speeds_up(x, u), road, slow]
         if "attitude" in self.states:
@@ -238,7 +240,7 @@ class AlongModel(StateSpaceModel):
     def sqrt_Q(self, u: AlongInput, dt: Float[Array, ""]) -> Float[Array, "n n"]:
         """White acceleration, the road, and what slowly forgets."""
         slow = root(-jnp.expm1(-2 * dt / self.slow_time))[:, None] * self.slow_factor
-        blocks = [u.intensity[None, None] * root(dt), self.road.sqrt_Q(jnp.abs(u.speed) * dt), slow]
+        blocks = [u.intensity[None, None] * root(dt), self.road.sqrt_Q(u.speed * dt), slow]
         if "attitude" in self.states:
             blocks.append(u.pitching.intensity[None, None] * root(dt))
         if "altitude" in self.states:

@@ -78,7 +78,7 @@ class DrivingModel(StateSpaceModel):
         """Explicit Euler in v (the noise allows no finer), exact in the road."""
         resisting = self.resistance(x[0], x[1]) + GRAVITY * jnp.sin(x[1])
         speed = x[0] + (u.accel - u.gravity_share * resisting) * dt
-        road = self.road.transition(jnp.abs(u.speed) * dt) @ x[1:3]
+        road = self.road.transition(u.speed * dt) @ x[1:3]
         return jnp.concatenate([speed[None], road])
 
     def h(self, x: Float[Array, " n"], u: _Input) -> Float[Array, " m"]:
@@ -88,9 +88,7 @@ class DrivingModel(StateSpaceModel):
     def sqrt_Q(self, u: _Input, dt: Float[Array, ""]) -> Float[Array, "n n"]:
         """Force that is not known, force last seen ``age`` ago, and the road."""
         variance = u.intensity**2 * dt + _WANDER**2 * random_walk_growth(u.age, dt)
-        return jnp.asarray(
-            jsl.block_diag(root(variance)[None, None], self.road.sqrt_Q(jnp.abs(u.speed) * dt))
-        )
+        return jnp.asarray(jsl.block_diag(root(variance)[None, None], self.road.sqrt_Q(u.speed * dt)))
 
     def sqrt_R(self, u: _Input) -> Float[Array, "m m"]:
         """Independent sensors."""
@@ -172,6 +170,7 @@ class DEBE(Estimator[DEBEState]):
     cornering_drag: Float[Array, ""]
     front_share: Float[Array, ""]
     drive_relative: Float[Array, ""]
+    torque_bias: Float[Array, ""]
     drag_relative: Float[Array, ""]
     rolling_std: Float[Array, ""]
     speed_scale: Float[Array, ""]
@@ -196,6 +195,7 @@ class DEBE(Estimator[DEBEState]):
         torque = (
             vehicle.sensors.wheel_torque if traction.source == "wheels" else vehicle.sensors.engine_torque
         )
+        measured = sum(c.startswith("drive_torque") for c in traction.channels)
         model = DrivingModel(
             states=("speed", "grade", "grade_rate"),
             sensors=meter.sensors,
@@ -221,6 +221,7 @@ class DEBE(Estimator[DEBEState]):
             ),
             front_share=leaf(front_share),
             drive_relative=leaf(hypot(torque.relative, prior.mass_relative)),
+            torque_bias=leaf(torque.bias * max(measured, 1) ** 0.5),
             drag_relative=leaf(prior.drag_relative),
             rolling_std=leaf(prior.rolling_resistance_std),
             speed_scale=leaf(vehicle.sensors.wheel_speed.scale),
@@ -278,7 +279,7 @@ class DEBE(Estimator[DEBEState]):
             accel=share * (push - cornering),
             gravity_share=share,
             intensity=intensity,
-            age=jnp.minimum(drive.age, _STALE),
+            age=jnp.clip(drive.age - dt, 0.0, _STALE),
             speed=speed,
             sensor_std=speed_std,
         )
@@ -296,6 +297,7 @@ class DEBE(Estimator[DEBEState]):
         validity = jnp.where(info.ok & ~astray, validity, int(Validity.DIVERGED))
         error = jnp.sqrt(
             (self.drive_relative * drive.drive_force / (self.mass * GRAVITY)) ** 2
+            + (self.torque_bias * drive.lever / (self.mass * GRAVITY)) ** 2
             + (self.drag_relative * self.model.drag * speed**2 / GRAVITY) ** 2
             + self.rolling_std**2
             + jnp.where(watch.coasting & (not self.traction.knows_brakes), _UNSEEN_BRAKE / GRAVITY, 0.0) ** 2

@@ -52,6 +52,7 @@ _TIRE_SHARE = 0.1  # 1σ of a tire model's force, as a share of it, of what chan
 _DOUBTLESS = 0.04  # keeps the doubt about a force that is nothing but error below 10⁴ times its variance
 _LEAST_STEP = 1e-3  # s
 _YAW_NOISE = 0.05  # rad/s/√s
+_FIRM_TIME = 0.2  # s that a force must last to prove friction: what kerbs and noise do is no tire's
 _PROVEN_WAY = 20.0  # m over which it is forgotten how much friction was used
 _LEAST = 0.1  # no road that a car drives on has less
 _TINY = 1e-6
@@ -86,14 +87,16 @@ class Settings(NamedTuple):
 
 
 class FrictionState(NamedTuple):
-    """Filter state, the contact's, last yaw rate, friction used now and proven lately, what the tire may get
-    lastingly wrong (share of the friction), v_x, v_y and their σ (4,), validity.
+    """Filter state, the contact's, last yaw rate, friction used now, specific force along and across over g
+    without what shakes the car (2,), friction proven lately by that, what the tire may get lastingly wrong
+    (share of the friction), v_x, v_y and their σ (4,), validity.
     """
 
     filter: Any
     contact: ContactState
     yaw_rate: Held
     used: Held
+    firm: Float[Array, " 2"]
     proven: Float[Array, ""]
     tire: Float[Array, ""]
     velocity: Float[Array, " 4"]
@@ -119,6 +122,7 @@ class FrictionEstimator(Estimator[FrictionState]):
         has_own_noise: the noise is given, and nothing is added to it.
         sensor_std: 1σ of each sensor's sample, in its unit.
         bias: 1σ of its bias.
+        accel_bias: of an accelerometer, m/s².
         file_friction: the friction at which the vehicle file's stiffnesses hold.
     """
 
@@ -134,6 +138,7 @@ class FrictionEstimator(Estimator[FrictionState]):
     has_own_noise: bool = eqx.field(static=True)
     sensor_std: Float[Array, " m"]
     bias: Float[Array, " m"]
+    accel_bias: Float[Array, ""]
     file_friction: Float[Array, ""]
 
     @classmethod
@@ -223,6 +228,7 @@ class FrictionEstimator(Estimator[FrictionState]):
             has_own_noise=chosen.sensor_std is not None,
             sensor_std=jnp.asarray(np.array(std)),
             bias=jnp.asarray(np.array(bias)),
+            accel_bias=leaf(file.accel.bias),
             file_friction=leaf(vehicle.tires.friction),
         )
 
@@ -233,7 +239,9 @@ class FrictionEstimator(Estimator[FrictionState]):
         unknown = jnp.asarray([0.0, 0.0, 30.0, 1.0])
         start = self.filter.init(self.model)
         zero = empty.value
-        return FrictionState(start, self.meter.init(), empty, empty, zero, zero, unknown, missing)
+        return FrictionState(
+            start, self.meter.init(), empty, empty, jnp.zeros(2), zero, zero, unknown, missing
+        )
 
     def told(self, state: FrictionState, sample: Sample, dt: Float[Array, ""]) -> Told:
         """What the model is given at a sample, ``dt`` (s) after the last."""
@@ -255,7 +263,10 @@ class FrictionEstimator(Estimator[FrictionState]):
         force = jnp.sqrt(jnp.sum(contact.accel**2) + 1e-12) / GRAVITY
         used = state.used.take(jnp.where(measured, force, jnp.nan), dt)
         proven = state.proven * jnp.exp(-jnp.abs(u.distance) / _PROVEN_WAY)
-        proven = jnp.where(measured, jnp.maximum(proven, force - NORMAL_90 * USED_STD), proven)
+        change = contact.accel / GRAVITY - state.firm
+        firm = state.firm - jnp.where(measured, jnp.expm1(-dt / _FIRM_TIME), 0.0) * change
+        bears = rss(firm[0], firm[1]) - NORMAL_90 * rss(USED_STD, self.accel_bias / GRAVITY)
+        proven = jnp.where(measured, jnp.maximum(proven, bears), proven)
         yaw_rate = state.yaw_rate.take(sample["yaw_rate"], dt)
         tire = self._learned(state, filter_state, u, dt)
         mean, spread = self._friction(filter_state, "friction_peak")
@@ -264,7 +275,7 @@ class FrictionEstimator(Estimator[FrictionState]):
         validity = validity_of(mean, spread, stands=stands, age=contact.age, ok=info.ok)
         speed_std = rss(contact.std[0], self.meter.speed_scale * speed)
         velocity = jnp.append(contact.velocity[:2], jnp.stack([speed_std, contact.std[1]]))
-        new = FrictionState(filter_state, meter, yaw_rate, used, proven, tire, velocity, validity)
+        new = FrictionState(filter_state, meter, yaw_rate, used, firm, proven, tire, velocity, validity)
         return unspoilt(
             new, self.init(), self.filter.posterior(filter_state), used.value, proven, tire, velocity
         ), info

@@ -66,7 +66,7 @@ class KinematicModel(StateSpaceModel):
         has_bias = "bias" in self.states
         accel = u.accel - x[1] - (x[3] if has_bias else 0.0)
         speed = x[0] + jnp.where(u.age < _STALE, accel * dt, 0.0)
-        road = self.road.transition(jnp.abs(u.speed) * dt) @ x[1:3]
+        road = self.road.transition(u.speed * dt) @ x[1:3]
         rows = [speed, road[0], road[1]]
         if has_bias:
             rows.append(x[3] * jnp.exp(-dt / _BIAS_TIME))
@@ -85,7 +85,7 @@ class KinematicModel(StateSpaceModel):
         unseen = _UNKNOWN_ACCEL**2 * dt
         blocks = [
             root(jnp.where(u.age < _STALE, seen, unseen))[None, None],
-            self.road.sqrt_Q(jnp.abs(u.speed) * dt),
+            self.road.sqrt_Q(u.speed * dt),
         ]
         if "bias" in self.states:
             blocks.append((self.bias_std * root(-jnp.expm1(-2 * dt / _BIAS_TIME)))[None, None])

@@ -32,16 +32,17 @@ class GradePrior(eqx.Module):
         return self.std * jnp.stack([jnp.ones(()), jnp.sqrt(3.0) / self.length])
 
     def transition(self, distance: Float[Array, ""]) -> Float[Array, "2 2"]:
-        """A(d) of y(s+d) = A y(s) + w, exact for any d ≥ 0 in m."""
+        """A(d) of y(s+d) = A y(s) + w, exact for any d in m, negative of a car that backs up."""
         rate = jnp.sqrt(3.0) / self.length
-        x = rate * distance
-        rows = [[1 + x, distance], [-rate * x, 1 - x]]
+        x = rate * jnp.abs(distance)
+        rows = [[1 + x, distance], [-(rate**2) * distance, 1 - x]]
         return jnp.exp(-x) * jnp.stack([jnp.stack(row) for row in rows])
 
     def sqrt_Q(self, distance: Float[Array, ""]) -> Float[Array, "2 2"]:
         """Lower-triangular factor of the covariance of w(d): P∞ − A P∞ Aᵀ in closed form.
 
-        With x = λd the entries are σ²(1 − e⁻²ˣ(1 + 2x + 2x²)), 2σ²λx²e⁻²ˣ and σ²λ²(1 − e⁻²ˣ(1 − 2x + 2x²)).
+        With x = λ|d| the entries are σ²(1 − e⁻²ˣ(1 + 2x + 2x²)), 2σ²λx²e⁻²ˣ and σ²λ²(1 − e⁻²ˣ(1 − 2x + 2x²)),
+        the second with the sign of d.
         The first is O(x³), so for small x it is summed as a series: the difference would be noise.
         """
         rate = jnp.sqrt(3.0) / self.length
@@ -54,5 +55,5 @@ class GradePrior(eqx.Module):
         first = root(a)
         cross = b / first
         last = root(c - cross**2)
-        zero = jnp.zeros_like(x)
-        return self.std * jnp.stack([jnp.stack([first, zero]), jnp.stack([rate * cross, rate * last])])
+        rows = [[first, jnp.zeros_like(x)], [rate * jnp.sign(distance) * cross, rate * last]]
+        return self.std * jnp.stack([jnp.stack(row) for row in rows])

@@ -162,7 +162,7 @@ class Sideways(eqx.Module):
 
     def _figures(self, touch: Touch, dt: Array) -> tuple[Array, ...]:
         """The bank's transition, what is kept of states, v_y and covariance, noise, and what moves v_y."""
-        distance = jnp.abs(touch.speed) * dt
+        distance = touch.speed * dt
         is_slow = jnp.abs(touch.speed) < SLOWEST
         # only what moves the car across tells of a rear axle's force
         is_lost = jnp.isinf(touch.across_std[1])

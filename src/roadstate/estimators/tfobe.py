@@ -70,7 +70,7 @@ class GradeModel(StateSpaceModel):
         """Explicit Euler in the motion, exact in the road."""
         car = eqx.tree_at(lambda v: v.grade, self.vehicle, x[3])
         motion = x[:3] + dt * car.derivative(x[:3], u.forces)
-        return jnp.concatenate([motion, self.road.transition(jnp.abs(u.speed) * dt) @ x[3:]])
+        return jnp.concatenate([motion, self.road.transition(u.speed * dt) @ x[3:]])
 
     def h(self, x: Float[Array, " 5"], u: _GradeInput) -> Float[Array, " m"]:
         """Each axle's speed, yaw rate, lateral velocity."""
@@ -80,9 +80,7 @@ class GradeModel(StateSpaceModel):
         """White errors of the specific force and of the yaw moment, and the road."""
         rest = jnp.asarray([_LATERAL, _YAW], u.intensity.dtype)
         white = jnp.concatenate([u.intensity[None], rest])
-        return jnp.asarray(
-            jsl.block_diag(jnp.diag(white * root(dt)), self.road.sqrt_Q(jnp.abs(u.speed) * dt))
-        )
+        return jnp.asarray(jsl.block_diag(jnp.diag(white * root(dt)), self.road.sqrt_Q(u.speed * dt)))
 
     def sqrt_R(self, u: _GradeInput) -> Float[Array, "m m"]:
         """Independent sensors."""

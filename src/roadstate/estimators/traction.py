@@ -99,10 +99,10 @@ class TractionMeter(eqx.Module):
     """Reads wheel torques, or engine torque × ratio × efficiency, and the brakes.
 
     Sources in order of preference: ``drive_torque_*`` of all driven wheels; ``engine_torque`` with
-    ``gear_ratio``; with ``engine_speed``, whose quotient with the wheel speed is the ratio in mesh (so that
-    power, not the gear, is what must be known; negative in reverse); with neither, a vehicle of one single
-    ratio. Efficiency counts both ways: it lessens the drive and adds to the drag of an overrun engine. The
-    engine's inertia follows the ratio.
+    ``gear_ratio``; of a vehicle of one single ratio by itself; with ``engine_speed``, whose quotient with
+    the wheel speed is the ratio in mesh (so that power, not the gear, is what must be known; negative in
+    reverse). Efficiency counts both ways: it lessens the drive and adds to the drag of an overrun engine.
+    The engine's inertia follows the ratio.
 
     Attributes:
         channels: canonical channels read.
@@ -139,10 +139,10 @@ class TractionMeter(eqx.Module):
             self._torque_noise = jnp.asarray(vehicle.sensors.engine_torque.noise)
             if "gear_ratio" in available:
                 self.source, used = "gear", ("engine_torque", "gear_ratio")
-            elif "engine_speed" in available:
-                self.source, used = "speeds", ("engine_torque", "engine_speed")
             elif len(ratios) == 1:
                 self.source, used = "single", ("engine_torque",)
+            elif "engine_speed" in available:
+                self.source, used = "speeds", ("engine_torque", "engine_speed")
             else:
                 raise InputError(
                     "engine torque alone does not give the force at the wheels of a car with several gears",

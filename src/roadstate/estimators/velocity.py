@@ -133,7 +133,7 @@ class VelocityObserver(eqx.Module):
     _filter: KF
     _meter: SpeedMeter | None
     _noise: Float[Array, " g"]
-    _slip: Float[Array, " s"]
+    _slip: Float[Array, "2 s"]
     _intensity: Float[Array, " 2"]
     _rear_arm: Float[Array, ""]
     _rear_stiffness: Float[Array, ""]
@@ -151,7 +151,9 @@ class VelocityObserver(eqx.Module):
         front, _, rear, _ = vehicle.driveline.drives
         share = 2.0 / (front + rear) / tires.slip_stiffness
         drives = [front if a.endswith("front") else rear for a in axles]
-        self._slip = jnp.asarray(np.where(np.array(drives, bool), share, 0.2 * share))
+        slip = np.where(np.array(drives, bool), share, 0.2 * share)
+        # brakes make all wheels slip
+        self._slip = jnp.asarray(np.stack([slip, np.maximum(slip, 1.0 / tires.slip_stiffness)]))
         self.channels = tuple(dict.fromkeys((*given, *(meter.channels if meter is not None else ()))))
         slope = np.hypot(GRAVITY * vehicle.prior.grade_std, accel.bias)
         lasting = np.array([0.0, np.hypot(accel.bias, 0.01 * GRAVITY)]) * np.sqrt(2 * _SLIP_TIME)
@@ -189,13 +191,15 @@ class VelocityObserver(eqx.Module):
         """
         gear = state.gear_ratio.take(sample.get("gear_ratio", jnp.full((), jnp.nan)), dt)
         before = state.filter.gaussian.mean
-        told = [sample[c] for c in self._given]
+        turned = signed_direction(gear.value)
+        told = [jnp.where(sample[c] > 0, turned, 1.0) * sample[c] for c in self._given if c == "speed"]
+        told += [sample[c] for c in self._given if c != "speed"]
         stds = list(self._noise)
         step = jnp.maximum(dt, _LEAST_STEP)
         if self._meter is not None:
-            direction = signed_direction(gear.value)
-            speeds, spread = self._meter.read(sample, motion.yaw_rate, motion.steer, direction)
-            slip = self._slip * jnp.abs(before[0] * motion.accel_x) / GRAVITY
+            speeds, spread = self._meter.read(sample, motion.yaw_rate, motion.steer, turned)
+            pull = before[0] * motion.accel_x / GRAVITY
+            slip = jnp.abs(pull) * jnp.where(pull < 0, self._slip[1], self._slip[0])
             away = jnp.abs(jnp.where(jnp.isfinite(speeds), speeds - before[0] - motion.accel_x * dt, 0.0))
             slip = slip + _LEAD_GROWTH * jnp.maximum(
                 away - _LEAD_FREE - 2 * state.filter.gaussian.std[0], 0.0
