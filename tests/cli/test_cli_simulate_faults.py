@@ -11,7 +11,7 @@ from cli_case import Run, assert_refusal
 from roadstate.core import Log
 from roadstate.io import read
 
-WORDS = ("simulate", "double-lane-change", "--plant", "three-dof")
+WORDS = ("simulate", "double-lane-change", "--plant", "seven-dof")
 
 
 def simulated(run: Run, path: Path, *faults: str) -> Log:

@@ -2,31 +2,44 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 
+from roadstate.core import WHEELS
 from roadstate.sim.manoeuvres import manoeuvre
 from roadstate.sim.plant.planar import PlanarPlant
-from roadstate.sim.run import drive, record, truth_table
+from roadstate.sim.run import Drive, drive, record, truth_table
 from roadstate.sim.sensors import sensor_preset, to_log
 from roadstate.vehicles import load_vehicle
 
 CAR = load_vehicle("family-car")
+ENGINE = {"engine_torque", "engine_speed", "gear_ratio"}
+TURNING = {
+    f"{name}_{w}"
+    for name in ("wheel_speed", "drive_torque", "brake_torque", "brake_pressure")
+    for w in WHEELS
+}
+
+
+@cache
+def driven_by(kind: str, name: str) -> Drive:
+    return drive(getattr(PlanarPlant, kind)(CAR), manoeuvre(name).prepare(CAR), CAR)
 
 
 @pytest.mark.parametrize("kind", ["seven_dof", "three_dof"])
 @pytest.mark.parametrize("name", ["double-lane-change", "hill-start"])
 def test_path_and_speed_are_kept(kind: str, name: str) -> None:
-    chosen = manoeuvre(name).prepare(CAR)
-    driven = drive(getattr(PlanarPlant, kind)(CAR), chosen, CAR)
-    place = driven.truth.road
+    driven = driven_by(kind, name)
+    chosen, place = driven.manoeuvre, driven.truth.road
     assert np.abs(place[:, 1] - np.asarray(chosen.path.at(place[:, 0]).d)).max() < 0.3
     plan = np.asarray(chosen.script.table)[: len(driven.time), 0]
     assert np.abs(driven.truth.planar_velocity[:, 0] - plan).max() < 0.7
 
 
 def test_parked_on_a_hill_the_recorded_imu_reads_the_slope() -> None:
-    driven = drive(PlanarPlant.seven_dof(CAR), manoeuvre("hill-start").prepare(CAR), CAR)
+    driven = driven_by("seven_dof", "hill-start")
     log = to_log(record(driven, sensor_preset("ideal")))
     stands = (log.time > 1.0) & (log.time < 3.5)
     assert log["accel_x"][stands] == pytest.approx(9.80665 * np.sin(np.arctan(0.12)), abs=0.02)
@@ -38,7 +51,7 @@ def test_parked_on_a_hill_the_recorded_imu_reads_the_slope() -> None:
 
 def test_recorded_forces_explain_the_recorded_acceleration() -> None:
     """m a_x = ΣF_x,body − drag at the centre of gravity, from the log's own columns."""
-    driven = drive(PlanarPlant.seven_dof(CAR), manoeuvre("double-lane-change").prepare(CAR), CAR)
+    driven = driven_by("seven_dof", "double-lane-change")
     table = truth_table(driven)
     steer = table["steer"]
     F_x, F_y = ({w: table[f"ref_force_{a}_{w}"] for w in ("fl", "fr", "rl", "rr")} for a in ("x", "y"))
@@ -49,3 +62,15 @@ def test_recorded_forces_explain_the_recorded_acceleration() -> None:
     late = table["time"] > 0.5
     assert CAR.mass * table["accel_x"][late] == pytest.approx((along - drag)[late], abs=15.0)
     assert CAR.mass * table["accel_y"][late] == pytest.approx(across[late], abs=15.0)
+
+
+@pytest.mark.parametrize(("kind", "missing"), [("seven_dof", ENGINE), ("three_dof", ENGINE | TURNING)])
+@pytest.mark.parametrize("sensors", ["ideal", "worn"])
+def test_what_a_plant_does_not_have_is_not_in_its_log(kind: str, missing: set[str], sensors: str) -> None:
+    """A zero would be a reading: wheels that stand, a gearbox in neutral."""
+    driven = driven_by(kind, "double-lane-change")
+    table, log = truth_table(driven), to_log(record(driven, sensor_preset(sensors)))
+    assert (ENGINE | TURNING) - set(table) == missing
+    assert not missing & set(log.channels)
+    assert {"speed", "brake", "steering_wheel", "accel_x", "ref_slip_fl"} <= set(log.channels)
+    assert all(np.isfinite(column).all() for column in table.values())

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -82,6 +84,24 @@ def test_same_seed_same_bits_another_seed_another_road() -> None:
     a, b, c = (np.asarray(rough_surface("B", seed, 100.0, 1.0).knots) for seed in (7, 7, 8))
     assert np.array_equal(a, b)
     assert not np.allclose(a, c)
+
+
+def test_a_wide_and_long_surface_needs_little_beside_itself() -> None:
+    tracemalloc.start()
+    try:
+        surface = rough_surface("B", 7, 1000.0, 20.0)
+        most = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert most < 8 * surface.knots.nbytes
+    # the coherences of all frequencies at once, of 241 numbers each
+    assert most < 8 * 2820 * surface.knots.shape[1] * 241
+
+
+def test_surface_does_not_depend_on_how_much_is_reckoned_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = np.asarray(rough_surface("B", 7, 100.0, 2.0).knots)
+    monkeypatch.setattr("roadstate.sim.roads.roughness._BLOCK", 25_000)
+    assert np.array_equal(rough_surface("B", 7, 100.0, 2.0).knots, whole)
 
 
 @pytest.mark.parametrize(("length", "width"), [(50.0, 2.0), (100.0, 0.0), (1e6, 50.0)])

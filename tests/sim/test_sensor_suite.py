@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -103,6 +104,21 @@ def test_one_sensor_less_leaves_the_others_noise_alone() -> None:
     assert set(whole) - set(fewer) == {f"drive_torque_{w}" for w in WHEELS}
     for channel in fewer:
         assert np.array_equal(whole[channel].values, fewer[channel].values)
+
+
+@pytest.mark.parametrize("name", sorted(PRESETS))
+def test_brake_pressure_is_never_negative_and_keeps_its_offset(name: str) -> None:
+    suite = sensor_preset(name)
+    assert suite.brake_pressure is not None
+    probe = replace(suite.brake_pressure, least=None)
+    for seed in range(5):
+        told = measure(TRUTH, suite, seed=seed)
+        uncut = measure(TRUTH, replace(suite, brake_pressure=probe), seed=seed)
+        for channel in told:
+            expected = uncut[channel].values
+            if channel.startswith("brake_pressure"):
+                expected = np.maximum(expected, 0.0)
+            assert np.array_equal(told[channel].values, expected)
 
 
 def test_rates_are_native_and_the_log_has_gaps_between() -> None:

@@ -74,6 +74,16 @@ def test_process_of_unit_variance_from_its_shocks() -> None:
     assert gauss_markov(shocks, 0.3) == pytest.approx(expected)
 
 
+def test_least_reading_cuts_off_and_leaves_the_rest_alone() -> None:
+    """An offset upwards is read where there is nothing; one downwards is not seen."""
+    values = np.maximum(np.sin(3 * TIME[:4001]), 0.0)
+    for offset in (0.05, -0.05):
+        whole = read(Probe(offset=offset, noise=0.05, resolution=0.001), values)
+        cut = read(Probe(offset=offset, noise=0.05, resolution=0.001, least=0.0), values)
+        assert whole.min() < -0.001
+        assert np.array_equal(cut, np.maximum(whole, 0.0))
+
+
 def test_readings_are_multiples_of_the_resolution_and_its_error_is_uniform() -> None:
     values = np.linspace(-1, 1, len(TIME))
     reading = read(Probe(rate=1000.0, resolution=0.01), values)

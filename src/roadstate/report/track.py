@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from roadstate.core import Estimates, Log
 from roadstate.metrics import presented
+from roadstate.core.constants import EARTH_RADIUS
 from roadstate.report import backend, style
 from roadstate.report.downsample import select
 from roadstate.report.figures import Panel, plain
@@ -19,7 +20,6 @@ from roadstate.report.plots import Curve, draw_curve
 
 Array = NDArray[np.float64]
 
-_EARTH_RADIUS = 6_371_008.8  # m, mean (IUGG)
 _HEIGHT, _WIDEST = 460, 1500  # px
 
 
@@ -34,8 +34,8 @@ def local_metres(latitude: Array, longitude: Array) -> tuple[Array, Array]:
         East and north, each (N,) m.
     """
     turned = (longitude - longitude[0] + 180.0) % 360.0 - 180.0
-    east = _EARTH_RADIUS * math.cos(math.radians(float(latitude[0]))) * np.radians(turned)
-    return east, _EARTH_RADIUS * np.radians(latitude - latitude[0])
+    east = EARTH_RADIUS * math.cos(math.radians(float(latitude[0]))) * np.radians(turned)
+    return east, EARTH_RADIUS * np.radians(latitude - latitude[0])
 
 
 def track_panel(log: Log, name: str, estimates: Estimates | None, points: int) -> Panel | None:

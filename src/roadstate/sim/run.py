@@ -149,7 +149,10 @@ def checked(time: Array, truth: Truth, controls: Controls, manoeuvre: Manoeuvre,
 
 
 def truth_table(driven: Drive) -> dict[str, Array]:
-    """The drive as columns for :func:`roadstate.sim.sensors.measure`, and as references."""
+    """The drive as columns for :func:`roadstate.sim.sensors.measure`, and as references.
+
+    There is no column of what the plant does not have.
+    """
     truth, controls = driven.truth, driven.controls
     # what an accelerometer at rest in this attitude reads: the world's up, times g, in the body's axes
     _, pitch, roll = truth.attitude.T
@@ -189,10 +192,13 @@ def truth_table(driven: Drive) -> dict[str, Array]:
         "ref_slip": truth.slip,
         "ref_slip_angle": truth.slip_angle,
     }
-    for name, columns in per_wheel.items():
-        table |= _named([f"{name}_{w}" for w in WHEELS], np.asarray(columns).T)
+    for name, rows in per_wheel.items():
+        table |= _named([f"{name}_{w}" for w in WHEELS], np.asarray(rows).T)
+    columns = {n: np.asarray(v, np.float64) for n, v in table.items()}
     return {
-        n: np.asarray(v, np.float64) for n, v in table.items() if not n.startswith("ref_") or n in CHANNELS
+        n: v
+        for n, v in columns.items()
+        if (not n.startswith("ref_") or n in CHANNELS) and not np.isnan(v).all()
     }
 
 

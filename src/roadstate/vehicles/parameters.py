@@ -6,11 +6,9 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, StringConstraints, model_validator
 
+from roadstate.core.constants import GRAVITY
 from roadstate.core.quantity import Quantity, refusal
 from roadstate.vehicles.sensors import Prior, Section, Sensors
-
-GRAVITY = 9.80665
-"""Standard gravity in m/s²."""
 
 _Name = Annotated[str, StringConstraints(min_length=1, max_length=80, pattern=r"^[^\x00-\x1f\x7f]*$")]
 _Text = Annotated[str, StringConstraints(max_length=4000, pattern=r"^[^\x00-\x08\x0b-\x1f\x7f]*$")]

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import jax
 import numpy as np
 import pytest
+from tests.sim.plant.conftest import Plane
 
 from roadstate.core import InputError
-from roadstate.sim.plant import PlantFigures, load_plant_figures, multibody_plant
+from roadstate.sim.plant import Controls, PlantFigures, load_plant_figures, multibody_plant
 from roadstate.sim.plant.figures import TireFigures
 from roadstate.sim.plant.mismatch import mismatched
 from roadstate.sim.plant.tire_figures import TRUCK, plant_tire
@@ -173,3 +175,27 @@ def test_lateral_force_builds_up_over_the_relaxation_length() -> None:
     mean = _CAR.mass * 9.80665 / 4
     assert float(tire.relaxation_lengths(mean).lateral) == pytest.approx(_CAR.tires.relaxation_length)
     assert float(tire.relaxation_lengths(1.2 * mean).lateral) > float(tire.relaxation_lengths(mean).lateral)
+
+
+def test_motors_in_the_wheels_have_no_engine_speed() -> None:
+    """A zero would be an engine that stands."""
+    for name, has_none in (("in-wheel-ev", True), ("family-car", False)):
+        plant, road = multibody_plant(load_vehicle(name)), Plane()
+        truth = plant.truth(road, plant.init(road, 10.0), Controls.make())
+        assert np.isnan(truth.engine_speed) == has_none
+        assert np.isfinite(truth.engine_torque)
+        assert np.isfinite(truth.wheel_speed).all()
+
+
+def test_a_car_whose_brakes_do_nothing() -> None:
+    assert _CAR.brakes is not None
+    none = {"torque_per_pressure_front": 0.0, "torque_per_pressure_rear": 0.0}
+    even = dict.fromkeys(none, _CAR.brakes.torque_per_pressure_front)
+    plants = [
+        multibody_plant(_CAR.model_copy(update={"brakes": _CAR.brakes.model_copy(update=gains)}))
+        for gains in (none, even)
+    ]
+    for leaf in jax.tree.leaves(plants[0]):
+        assert np.isfinite(leaf).all()
+    # how they would make it pitch is as for brakes that share evenly
+    np.testing.assert_array_equal(plants[0].chassis.carrier_turn, plants[1].chassis.carrier_turn)

@@ -91,3 +91,25 @@ def test_every_plant_tells_the_same_truth() -> None:
         truth = jax.eval_shape(lambda p=plant: p.truth(road, p.init(road, 10.0), Controls.make()))
         shapes.append(jax.tree.map(lambda a: a.shape, truth))
     assert shapes[0] == shapes[1] == shapes[2]
+
+
+def test_told_drive_torques_are_those_that_act() -> None:
+    """In neutral the pedal does nothing, in reverse it pushes back; what is asked of a wheel comes on top."""
+    plant, road = PlanarPlant.seven_dof(_CAR), Plane()
+    state = start(plant, road, 10.0)
+    torques = {}
+    for gear in (1.0, 0.0, -1.0):
+        controls = Controls.make(throttle=0.3, gear=gear, wheel_torque=np.array([0.0, 0.0, 5.0, 0.0]))
+        torques[gear] = np.asarray(plant.truth(road, state, controls).drive_torque)
+    whole = 0.3 * np.asarray(plant.largest_torque)
+    assert whole.sum() > 500
+    for gear, torque in torques.items():
+        assert torque == pytest.approx(gear * whole + np.array([0.0, 0.0, 5.0, 0.0])), gear
+
+
+def test_no_wheel_turns_no_brake_presses_in_the_plant_that_slips_drive() -> None:
+    plant, road = PlanarPlant.three_dof(_CAR), Plane()
+    truth = plant.truth(road, plant.init(road, 10.0), Controls.make(throttle=0.3, brake=0.2))
+    for absent in (truth.wheel_speed, truth.drive_torque, truth.brake_torque, truth.brake_pressure):
+        assert np.isnan(absent).all()
+    assert np.isfinite(truth.force_x).all()

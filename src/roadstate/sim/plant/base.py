@@ -108,6 +108,8 @@ class Controls(NamedTuple):
 class Truth(NamedTuple):
     """What is really so at one instant; SI, ISO 8855, wheels fl, fr, rl, rr.
 
+    What a plant does not have is NaN from first to last, and no sensor records it.
+
     Attributes:
         position: (3,) centre of gravity (CG) in the world, z up, m.
         attitude: (3,) yaw ψ, pitch θ (positive nose down) and roll φ (positive right side down), applied in
@@ -133,7 +135,7 @@ class Truth(NamedTuple):
         drive_torque, brake_torque: (4,) on each wheel, N·m; the brake's with the sign of what it does.
         brake_pressure: (4,) at each wheel, Pa.
         travel: (4,) of the suspension, m, positive in bump.
-        engine_speed: rad/s; of motors in the wheels zero.
+        engine_speed: rad/s; NaN where there are motors in the wheels.
         engine_torque: net, at its shaft, N·m; of motors in the wheels their sum.
         gear: in mesh; 0 is neutral.
         gear_ratio: engine speed over wheel speed of the gear in mesh with the clutch closed, else 0.

@@ -9,6 +9,7 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
+from roadstate.core.constants import GRAVITY
 from roadstate.core.errors import InputError
 from roadstate.sim.plant.brakes import Brakes
 from roadstate.sim.plant.chassis import Chassis
@@ -23,7 +24,7 @@ from roadstate.sim.plant.suspension import Suspension
 from roadstate.sim.plant.tire_figures import corner_loads, plant_tire, tires_per_corner
 from roadstate.tires.base import as_leaf
 from roadstate.tires.magic_formula import MagicFormula
-from roadstate.vehicles.parameters import GRAVITY, Vehicle
+from roadstate.vehicles.parameters import Vehicle
 
 _SIDE = np.array([1.0, -1.0, 1.0, -1.0])
 _FRONT = np.array([True, True, False, False])
@@ -221,7 +222,9 @@ def _paths(
     """Motion of the wheel centres and turn of the carriers per travel."""
     g, front, rear = vehicle.geometry, figures.front, figures.rear
     slope = g.cg_height / g.wheelbase
-    driven, braked = _drive_share(vehicle, figures), gains[0] / (gains[0] + gains[2])
+    driven = _drive_share(vehicle, figures)
+    both = gains[0] + gains[2]
+    braked = gains[0] / both if both > 0 else 0.5  # no brakes: any share does
     sign = np.where(_FRONT, 1.0, -1.0)
     drive_share = _per_wheel(driven, 1 - driven)
     brake_share = np.maximum(_per_wheel(braked, 1 - braked), 0.05)

@@ -9,10 +9,11 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, ValidationError
 
+from roadstate.core.constants import GRAVITY
 from roadstate.core.errors import InputError
 from roadstate.core.quantity import Quantity
 from roadstate.core.yaml_text import read_yaml
-from roadstate.vehicles.parameters import GRAVITY, Vehicle
+from roadstate.vehicles.parameters import Vehicle
 from roadstate.vehicles.sensors import Section
 
 _TRUCK = Path(__file__).parent / "truck.yaml"

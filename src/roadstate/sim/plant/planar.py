@@ -10,6 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
+from roadstate.core.channels import WHEELS
+from roadstate.core.constants import GRAVITY
 from roadstate.core.errors import InputError
 from roadstate.sim.plant.base import Controls, Road, Truth
 from roadstate.sim.plant.figures import full_pedal, usual_figures
@@ -55,6 +57,8 @@ class PlanarPlant(eqx.Module):
     """A planar vehicle model on a road: no body that moves on springs, torques and pressures without lag.
 
     The car lies in the tangent plane of the road under its CG; the road's vertical curvature is not felt.
+    Torques act on the wheels: there is no engine and no gearbox, and of the gears only forward, neutral and
+    reverse. Wheels whose slips are the controls do not turn: no speeds, torques or pressures.
 
     Attributes:
         model: :class:`SevenDof` or :class:`ThreeDof`; its grade, bank and friction come from the road.
@@ -95,7 +99,7 @@ class PlanarPlant(eqx.Module):
         if vehicle.steering is None:
             raise InputError("no steering", where=vehicle.name, mend="give 'steering.ratio'")
         share = {"front": (1, 1, 0, 0), "rear": (0, 0, 1, 1), "all": (0.5, 0.5, 0.5, 0.5)}
-        weight = vehicle.mass * 9.80665 * vehicle.wheels.radius
+        weight = vehicle.mass * GRAVITY * vehicle.wheels.radius
         brakes = vehicle.brakes
         gains = np.full(2, 0.3 * weight / _PRESSURE)
         if brakes is not None:
@@ -110,16 +114,16 @@ class PlanarPlant(eqx.Module):
 
     def _inputs(self, controls: Controls) -> dict[str, Any]:
         steer = {"steer": controls.steering_wheel / self.steering_ratio}
-        wheels = ("fl", "fr", "rl", "rr")
         if isinstance(self.model, ThreeDof):
-            return steer | {f"slip_{w}": controls.wheel_slip[i] for i, w in enumerate(wheels)}
+            return steer | {f"slip_{w}": controls.wheel_slip[i] for i, w in enumerate(WHEELS)}
         direction = jnp.where(controls.gear == -1, -1.0, jnp.where(controls.gear == 0, 0.0, 1.0))
         drive = direction * controls.throttle * self.largest_torque + controls.wheel_torque
-        brake = self.brake_gain * jnp.maximum(
-            controls.brake * self.largest_pressure + controls.brake_pressure, 0
-        )
-        torques = {f"drive_torque_{w}": drive[i] for i, w in enumerate(wheels)}
-        return steer | torques | {f"brake_torque_{w}": brake[i] for i, w in enumerate(wheels)}
+        brake = self.brake_gain * self._pressure(controls)
+        torques = {f"drive_torque_{w}": drive[i] for i, w in enumerate(WHEELS)}
+        return steer | torques | {f"brake_torque_{w}": brake[i] for i, w in enumerate(WHEELS)}
+
+    def _pressure(self, controls: Controls) -> Numbers:
+        return jnp.maximum(controls.brake * self.largest_pressure + controls.brake_pressure, 0)
 
     def _under(self, road: Road, state: PlanarState) -> _Under:
         s, d = state.road
@@ -190,9 +194,10 @@ class PlanarPlant(eqx.Module):
         values = model.measure(state.x, model.input_vector(inputs))
 
         def wheels(name: str) -> Numbers:
-            return jnp.stack([jnp.asarray(values[f"{name}_{w}"]) for w in ("fl", "fr", "rl", "rr")])
+            return jnp.stack([jnp.asarray(values[f"{name}_{w}"]) for w in WHEELS])
 
         zero, zeros = jnp.zeros((), state.x.dtype), jnp.zeros(4, state.x.dtype)
+        absent = jnp.full_like(zero, jnp.nan)
         steer = jnp.stack([inputs["steer"], inputs["steer"], zero, zero])
         along, across, load = wheels("force_x"), wheels("force_y"), wheels("load")
         body = wheel_to_body(along, across, steer)
@@ -200,10 +205,11 @@ class PlanarPlant(eqx.Module):
         R = rotation(attitude)
         height = jnp.stack([zero, zero, self.model.cg_height])
         above = jnp.stack([state.pose[0], state.pose[1], under.z]) + R @ height
-        spinning = isinstance(self.model, SevenDof)
-        speeds = state.x[3:7] if spinning else zeros
-        drive = controls.wheel_torque + controls.throttle * self.largest_torque if spinning else zeros
-        pressure = jnp.maximum(controls.brake * self.largest_pressure + controls.brake_pressure, 0)
+        speeds = drive = brake = pressure = jnp.full_like(zeros, jnp.nan)
+        if isinstance(self.model, SevenDof):
+            speeds, pressure = state.x[3:7], self._pressure(controls)
+            drive = jnp.stack([inputs[f"drive_torque_{w}"] for w in WHEELS])
+            brake = -self.brake_gain * pressure * jnp.sign(speeds)
         return Truth(
             position=above,
             attitude=attitude,
@@ -226,11 +232,11 @@ class PlanarPlant(eqx.Module):
             camber=zeros,
             friction=under.friction,
             drive_torque=drive,
-            brake_torque=-self.brake_gain * pressure * jnp.sign(speeds),
-            brake_pressure=pressure * jnp.ones_like(zeros),
+            brake_torque=brake,
+            brake_pressure=pressure,
             travel=zeros,
-            engine_speed=zero,
-            engine_torque=jnp.sum(drive),
+            engine_speed=absent,
+            engine_torque=absent,
             gear=jnp.clip(controls.gear, -1.0, 1.0),
-            gear_ratio=zero,
+            gear_ratio=absent,
         )

@@ -7,11 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
+from roadstate.core.constants import GRAVITY
 from roadstate.sim.plant.figures import TireFigures, usual_figures
 from roadstate.tires.base import as_leaf
 from roadstate.tires.magic_formula import MagicFormula
 from roadstate.tires.mf_build import PASSENGER, load_tir
-from roadstate.vehicles.parameters import GRAVITY, Vehicle
+from roadstate.vehicles.parameters import Vehicle
 
 TRUCK = Path(__file__).parent / "truck.tir"
 """A truck tire in plain figures, to be scaled."""

@@ -46,6 +46,7 @@ def truth_of(plant: MultibodyPlant, state: State, now: Instant) -> Truth:
         shared = tires.summed(contact.load * now.ground.friction) / jnp.where(load > 0, load, 1)
         friction = jnp.where(load > 0, shared, friction)
     accel = now.accelerations.velocity + cross(motion.rate, motion.velocity)
+    has_engine = isinstance(plant.driveline, EngineDrive)
     return Truth(
         position=motion.position,
         attitude=motion.attitude,
@@ -71,7 +72,7 @@ def truth_of(plant: MultibodyPlant, state: State, now: Instant) -> Truth:
         brake_torque=now.brake_torque,
         brake_pressure=state.brakes.pressure,
         travel=motion.travel,
-        engine_speed=motion.parts[0],
+        engine_speed=motion.parts[0] if has_engine else jnp.full_like(motion.parts[0], jnp.nan),
         engine_torque=drive.engine_torque,
         gear=state.memory.gear,
         gear_ratio=plant.driveline.ratio(state.memory),

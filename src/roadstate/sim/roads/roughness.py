@@ -23,6 +23,8 @@ LOWEST, HIGHEST = 0.011, 2.83
 _STEP = 0.05  # m between the rows: seven to the shortest wave
 _SPACING = 0.25  # m between the lines
 _LARGEST = 20_000_000  # knots of a surface
+_BLOCK = 4_000_000  # numbers in a temporary array
+_NODES = 241  # of the integral that is the coherence
 
 
 def displacement_psd(frequency: Array, road_class: str) -> Array:
@@ -53,7 +55,7 @@ def coherence(frequency: Array, distance: Array) -> Array:
     """
     x = 2 * np.pi * np.abs(frequency * distance)
     # K₁(x) = ∫₀^∞ exp(−x cosh t) cosh t dt: the trapezoidal rule converges faster than any power
-    t = np.linspace(0.0, 12.0, 241)
+    t = np.linspace(0.0, 12.0, _NODES)
     weight = np.full(t.shape, t[1])
     weight[0] /= 2
     safe = np.maximum(x, 1e-3)[..., None]
@@ -94,14 +96,17 @@ def rough_surface(
     n = frequency[used]
     psd = displacement_psd(n, road_class)
     distance = _SPACING * np.arange(lines)
-    by_distance = coherence(n[:, None], distance)
-    index = np.abs(np.arange(lines)[:, None] - np.arange(lines))
-    factor = np.linalg.cholesky(by_distance[:, index] + 1e-9 * np.eye(lines))
     rng = np.random.default_rng(seed)
     normal = rng.standard_normal((2, len(used), lines))
     amplitude = 0.5 * np.sqrt(psd / period)[:, None]
     waves = np.zeros((rows // 2 + 1, lines), complex)
-    waves[used] = amplitude * np.einsum("kij,kj->ki", factor, normal[0] + 1j * normal[1])
+    index = np.abs(np.arange(lines)[:, None] - np.arange(lines))
+    # a covariance per frequency: those of a long and wide surface would not fit into memory at once
+    count = max(_BLOCK // (lines * max(lines, _NODES)), 1)
+    for k in (slice(first, first + count) for first in range(0, len(used), count)):
+        by_distance = coherence(n[k, None], distance)
+        factor = np.linalg.cholesky(by_distance[:, index] + 1e-9 * np.eye(lines))
+        waves[used[k]] = amplitude[k] * np.einsum("kij,kj->ki", factor, normal[0, k] + 1j * normal[1, k])
     height = np.fft.irfft(waves, rows, axis=0) * rows
     slope = np.fft.irfft(waves * (2j * np.pi * frequency[:, None]), rows, axis=0) * rows
     return Surface(

@@ -36,7 +36,7 @@ def paper() -> SensorSuite:
         road_wheel=Probe(noise=0.05 * _DEG),
         drive_torque=torque,
         brake_torque=torque,
-        brake_pressure=Probe(noise=0.2 * _BAR),
+        brake_pressure=Probe(noise=0.2 * _BAR, least=0.0),
         engine_torque=Probe(noise=2.0),
         engine_speed=Probe(noise=0.5),
         kinematic=accel,
@@ -90,7 +90,13 @@ def automotive() -> SensorSuite:
         drive_torque=Probe(gain_std=0.03, bias=5.0, noise=5.0, resolution=1.0, delay=0.02),
         brake_torque=Probe(gain_std=0.05, noise=5.0, resolution=1.0, delay=0.02, is_magnitude=True),
         brake_pressure=Probe(
-            rate=50.0, bandwidth=50.0, gain_std=0.01, bias=0.5 * _BAR, noise=0.1 * _BAR, resolution=0.1 * _BAR
+            rate=50.0,
+            bandwidth=50.0,
+            gain_std=0.01,
+            bias=0.5 * _BAR,
+            noise=0.1 * _BAR,
+            resolution=0.1 * _BAR,
+            least=0.0,
         ),
         engine_torque=Probe(gain_std=0.05, bias=2.0, noise=1.0, resolution=0.5, delay=0.02),
         engine_speed=Probe(noise=0.3, resolution=0.25 * 2 * math.pi / 60, delay=0.01, is_magnitude=True),
@@ -139,7 +145,13 @@ def worn() -> SensorSuite:
         drive_torque=None,
         brake_torque=None,
         brake_pressure=Probe(
-            rate=20.0, gain_std=0.05, bias=1.5 * _BAR, noise=0.5 * _BAR, resolution=0.5 * _BAR, delay=0.05
+            rate=20.0,
+            gain_std=0.05,
+            bias=1.5 * _BAR,
+            noise=0.5 * _BAR,
+            resolution=0.5 * _BAR,
+            delay=0.05,
+            least=0.0,
         ),
         engine_torque=Probe(rate=20.0, gain_std=0.1, bias=8.0, noise=3.0, resolution=2.0, delay=0.05),
         engine_speed=Probe(rate=20.0, noise=2.0, resolution=1.0, delay=0.05, is_magnitude=True),

@@ -38,6 +38,7 @@ class Probe:
         noise: 1σ of white noise of each sample, on top.
         resolution: step of the readings; 0 for none.
         limit: largest reading, either way.
+        least: smallest reading, where it has one: 0 of what cannot be negative.
         is_magnitude: reads amounts only, and nothing where there is nothing, as what counts or presses does.
     """
 
@@ -56,10 +57,11 @@ class Probe:
     noise: float = 0.0
     resolution: float = 0.0
     limit: float = np.inf
+    least: float | None = None
     is_magnitude: bool = False
 
     def __post_init__(self) -> None:
-        signed = ("gain", "offset")
+        signed = ("gain", "offset", "least")
         for field in fields(self):
             value = getattr(self, field.name)
             if value is None or field.name == "is_magnitude":
@@ -96,7 +98,7 @@ class Probe:
         reading = (1 + self.gain + self.gain_std * once[0]) * seen + error
         if self.is_magnitude:
             reading = np.where(seen == 0, 0.0, np.abs(reading))
-        reading = np.clip(reading, -self.limit, self.limit)
+        reading = np.clip(reading, -self.limit if self.least is None else self.least, self.limit)
         if self.resolution > 0:
             reading = self.resolution * np.round(reading / self.resolution)
         return stamps, reading

@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from roadstate.core.constants import EARTH_RADIUS
 from roadstate.sim.sensors.probe import Probe
 
 Array = NDArray[np.floating[Any]]
-EARTH_RADIUS = 6_371_000.0
-"""Mean radius in m."""
 ORIGIN = (29.54, 106.52)
 """Latitude and longitude in deg of the world's origin: about where the authors of paper 002 drive."""
 
