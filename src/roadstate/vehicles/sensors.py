@@ -168,8 +168,8 @@ class Prior(Section):
     """1σ of the grade of the roads driven; 4 % is hilly, 2 % flat country"""
     grade_correlation_length: _RoadLength = 160.0
     """Distance over which the grade of the road stays alike (its correlation falls to one half)"""
-    bank_std: _Grade = 0.03
-    """1σ of the bank of the roads driven"""
+    bank_std: _Grade = 0.06
+    """1σ of the bank of the roads driven; bends are banked by up to 8 %, straights by 2.5 % to drain"""
     mass_relative: _Share = 0.08
     """1σ of the mass, as a share of it (one to five people and their luggage)"""
     drag_relative: _Share = 0.1

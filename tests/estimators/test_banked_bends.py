@@ -1,0 +1,49 @@
+"""Bends as roads have them: banked towards their inside."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from benchmarks.accuracy.scenarios import Scenario, on_plant
+
+from roadstate.estimators import build
+from roadstate.run import scan
+from roadstate.sim.manoeuvres import Manoeuvre, Script
+from roadstate.sim.manoeuvres.path import straight
+from roadstate.sim.roads.centreline import Bend, half_cosine, make_road
+from roadstate.sim.roads.friction import uniform
+from roadstate.sim.speed_plan import SpeedPlan
+from roadstate.vehicles import Vehicle
+
+FRICTION, SPEED, BANK, CURVATURE = 0.9, 22.0, 0.07, 1 / 200
+STRAIGHT, CLOTHOID, ARC = 80.0, 50.0, 160.0
+
+
+def prepared(vehicle: Vehicle) -> Manoeuvre:
+    """A left bend, a right one, a left one, each banked as its curvature grows: a quarter of g is used."""
+    plan, knots, banks = [Bend(STRAIGHT)], [0.0], [0.0]
+    for side in (1.0, -1.0, 1.0):
+        curved = side * CURVATURE
+        begins = sum(bend.length for bend in plan)
+        plan += [Bend(CLOTHOID, 0.0, curved), Bend(ARC, curved), Bend(CLOTHOID, curved, 0.0), Bend(STRAIGHT)]
+        knots += [begins, begins + CLOTHOID, begins + CLOTHOID + ARC, begins + 2 * CLOTHOID + ARC]
+        banks += [0.0, -side * BANK, -side * BANK, 0.0]
+    length = sum(bend.length for bend in plan)
+    road = make_road(plan, bank=half_cosine([*knots, length], [*banks, 0.0]), friction=uniform(FRICTION))
+    seconds = (length - STRAIGHT / 2) / SPEED
+    drive = Script.write(SpeedPlan((0.0, seconds), (SPEED, SPEED)))
+    return Manoeuvre("banked", "banked bends", road, SPEED, drive, straight())
+
+
+@pytest.mark.usefixtures("optimised")
+def test_a_dry_road_that_banks_is_no_slippery_one() -> None:
+    """What the bank takes of the lateral acceleration could pass for a slide of saturated tires."""
+    log, car = on_plant("family-car", Scenario("banked", "banked bends", prepared), 1)[0]
+    values = scan(build("joint", car, log.available), log).values
+    late = log.time > 2
+    assert np.ptp(log["ref_bank"]) > 1.9 * BANK
+    assert np.nanmax(values["friction_used"]) < 0.35
+    assert (values["friction_peak_upper"][late] > FRICTION).all()
+    assert (values["friction_peak_lower"] < FRICTION).all()
+    assert np.sqrt(np.mean((values["velocity_y"] - log["ref_velocity_y"])[late] ** 2)) < 0.08
+    assert np.sqrt(np.mean((values["bank"] - log["ref_bank"])[late] ** 2)) < 0.02
