@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roadstate.core import Estimates, Log
-from roadstate.metrics import presented
 from roadstate.core.constants import EARTH_RADIUS
+from roadstate.metrics import presented
 from roadstate.report import backend, style
 from roadstate.report.downsample import select
 from roadstate.report.figures import Panel, plain
