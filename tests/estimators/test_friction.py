@@ -201,7 +201,19 @@ def test_more_friction_than_there_was_means_another_road(car: Vehicle) -> None:
     found = scan(made("friction-ukf", car, log), log)
     assert found.values["friction_peak"][299] == pytest.approx(0.1, abs=0.03)
     assert found.values["friction_peak"][-1] == pytest.approx(0.6, abs=0.1)
-    assert found.values["friction_peak_lower"][302] > 0.3
+    assert found.values["friction_peak_lower"][312] > 0.3
+
+
+def test_a_kerb_proves_no_friction(car: Vehicle) -> None:
+    """One sample of 12 m/s² is no force of a tire, and no road that bears so much."""
+    calm = straight(20.0)
+    jolted = calm["accel_x"].copy()
+    jolted[600] = 12.0
+    usual, found = (
+        scan(made("friction-ukf", car, log), log) for log in (calm, calm.with_channels({"accel_x": jolted}))
+    )
+    for name in ("friction_peak", "friction_peak_lower"):
+        assert np.abs(found.values[name] - usual.values[name]).max() < 0.1, name
 
 
 def test_a_gap_forgets(car: Vehicle, drive: Log) -> None:

@@ -121,3 +121,12 @@ def test_brakes_that_no_channel_tells_of(
     bus = Log(log.time, {c: v for c, v in log.channels.items() if not c.startswith("brake_torque")})
     grade = said_of(name, vehicle, bus).values["grade"][BEGINS:]
     assert np.sqrt(np.mean(grade**2)) < (0.011 if name == "debe" else 0.0075)
+
+
+def test_a_gear_says_which_way_an_unsigned_speed_goes(vehicle: Vehicle) -> None:
+    """A receiver's, beside wheels that the gear turns as well."""
+    speed = BACKWARD * (7 - 2 * np.cos(np.pi * np.arange(0, 24, STEP) / 3))
+    log = driven(vehicle, speed, 0.0)
+    log = log.with_channels({"speed": np.abs(speed)})
+    error = (said_of("friction-ukf", vehicle, log).values["speed"] - speed)[BEGINS:]
+    assert np.sqrt(np.mean(error**2)) < 0.05

@@ -216,8 +216,10 @@ class TestSingleRatio:
             {"gear_ratios": (9.1,), "final_drive": 1.0},
             {"gear_ratios": (2.6,), "final_drive": 3.5},
         ):
-            meter = TractionMeter(changed(vehicle, **driveline), {"engine_torque"})
-            assert meter.source == "single"
+            # nor does it need to be measured, by speeds that say nothing at a walking pace
+            for more in ((), ("engine_speed",)):
+                meter = TractionMeter(changed(vehicle, **driveline), {"engine_torque", *more})
+                assert meter.source == "single"
             force = float(once(meter, engine_torque=100.0).force)
             assert force == pytest.approx(910 / R * vehicle.driveline.efficiency)
 

@@ -14,7 +14,7 @@ from jaxtyping import Array, Float, Int
 from roadstate.core.channels import WHEELS
 from roadstate.core.constants import GRAVITY
 from roadstate.core.estimates import Validity
-from roadstate.core.gaussian import Gaussian, Info
+from roadstate.core.gaussian import Gaussian, Info, Reason
 from roadstate.core.kernel import once
 from roadstate.estimators.astray import is_astray, led_back
 from roadstate.estimators.base import Estimate, Estimator, Need, Sample, Smoothable, known_only, leaf
@@ -317,6 +317,8 @@ def _joined(lower: Info, upper: Info, speeds: int) -> Info:
     """What both layers tell, of the sensors that are the car's own."""
     keep = slice(0, speeds)
     zero = jnp.zeros((lower.innovation.shape[0], speeds))
+    reasons = jnp.maximum(lower.reason, upper.reason)
+    idle = (reasons == Reason.NO_MEASUREMENT) & (lower.reason != upper.reason)  # one layer only
     return Info(
         innovation=jnp.concatenate([lower.innovation, upper.innovation[keep]]),
         S=jnp.block([[lower.S, zero], [zero.T, upper.S[keep, keep]]]),
@@ -324,5 +326,5 @@ def _joined(lower: Info, upper: Info, speeds: int) -> Info:
         log_likelihood=lower.log_likelihood + upper.log_likelihood,
         gate=jnp.concatenate([lower.gate, upper.gate[keep]]),
         ok=lower.ok & upper.ok,
-        reason=jnp.maximum(lower.reason, upper.reason),
+        reason=jnp.where(idle, jnp.minimum(lower.reason, upper.reason), reasons),
     )

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from roadstate import __version__
 from roadstate.core import Estimates, Log
-from roadstate.core.gaussian import Gate, Info
+from roadstate.core.gaussian import Gate, Info, Reason
 from roadstate.core.packing import Layout
 from roadstate.estimators.base import Estimate, Estimator
 
@@ -55,7 +55,8 @@ def advance(estimator: Estimator[Any], state: Any, sample: Mapping[str, Any], dt
 def kept(estimator: Estimator[Any], state: Any, info: Info) -> Row:
     """What a step leaves behind."""
     used = jnp.isfinite(info.innovation) & (info.gate != Gate.REJECTED)
-    nis = jnp.where(info.ok & jnp.any(used), info.nis, jnp.nan)
+    updated = info.ok & (info.reason != Reason.NO_MEASUREMENT) & jnp.any(used)
+    nis = jnp.where(updated, info.nis, jnp.nan)
     spread = jnp.sqrt(jnp.diagonal(info.S))
     return Row(estimator.estimate(state), info.innovation, spread, nis, info.gate)
 
