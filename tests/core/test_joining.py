@@ -36,6 +36,32 @@ def test_files_that_run_together_lie_side_by_side() -> None:
     assert joined["w"].time[0] == 0.05
 
 
+def test_signals_that_do_not_overlap_join_whichever_file_starts_first() -> None:
+    def of(file: str, **spans: tuple[float, float]) -> Recording:
+        times = {name: np.arange(a, b, 0.1) for name, (a, b) in spans.items()}
+        return Recording({n: Signal(t, t, "m", f"{file}:{n}") for n, t in times.items()}, {"files": [file]})
+
+    joined = join([of("a", altitude=(0.0, 3.0), v=(2.0, 3.0)), of("b", v=(0.5, 1.0))])
+    np.testing.assert_allclose(joined["v"].time, np.r_[np.arange(0.5, 1.0, 0.1), np.arange(2.0, 3.0, 0.1)])
+    assert joined.metadata["files"] == ["a", "b"]
+    with pytest.raises(InputError, match=r"^b:v: v begins at 2.5 s, before a:v ends"):
+        join([of("a", altitude=(0.0, 3.0), v=(2.0, 3.0)), of("b", v=(2.5, 4.0))])
+
+
+def test_a_stamp_that_is_no_number_does_not_decide_the_order() -> None:
+    late, early = part(10, file="late"), part(0, file="early")
+    late["v"].time[0] = np.nan
+    np.testing.assert_allclose(join([late, early])["v"].time[[0, 6]], [0.0, 10.1])
+
+
+def test_what_any_of_the_files_left_out_is_told() -> None:
+    first = part(0, skipped=["note"], undecoded=["0x001"])
+    joined = join([first, part(10, file="b"), part(20, file="c", skipped=["w", "note"], undecoded=["0x002"])])
+    assert joined.metadata["skipped"] == ["note", "w"]
+    assert joined.metadata["undecoded"] == ["0x001", "0x002"]
+    assert "skipped" not in join([part(0), part(10, file="b")]).metadata
+
+
 def test_a_signal_that_one_file_lacks_has_a_gap() -> None:
     joined = join([part(0, "vw", "a"), part(10, "v", "b"), part(20, "vw", "c")])
     assert len(joined["v"]) == 15

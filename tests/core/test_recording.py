@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tracemalloc
+from itertools import combinations, pairwise
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from roadstate.core import InputError, Recording, Signal
-from roadstate.core.signals import interpolate
+from roadstate.core.signals import in_order, interpolate
 
 NAN = np.nan
 
@@ -47,6 +48,33 @@ class TestTimeBase:
         repaired = signal([0, 1, NAN, 1, 0.5, 2, np.inf, 3, 3], np.arange(9)).repaired()
         np.testing.assert_array_equal(repaired.time, [0, 1, 2, 3])
         np.testing.assert_array_equal(repaired.values, [0, 1, 5, 7])
+
+    @pytest.mark.parametrize("row", [0, 1, 100, 5997])
+    def test_one_stamp_far_ahead_costs_one_sample(self, row: int) -> None:
+        time = np.arange(6000) * 0.01
+        time[row] = 1e4
+        repaired = signal(time, np.arange(6000)).repaired()
+        np.testing.assert_array_equal(repaired.values, np.delete(np.arange(6000.0), row))
+
+    def test_a_clock_that_is_ahead_for_a_while_costs_that_while(self) -> None:
+        time = np.arange(1000) * 0.01
+        time[200:260] += 3.0
+        repaired = signal(time, np.arange(1000)).repaired()
+        np.testing.assert_array_equal(repaired.values, np.r_[0:200, 260:1000])
+
+    @given(st.lists(st.integers(-5, 5), max_size=9))
+    def test_repair_keeps_as_many_as_can_be(self, stamps: list[int]) -> None:
+        keep = in_order(np.array(stamps, dtype=float))
+        most = max(
+            (
+                len(rows)
+                for n in range(len(stamps) + 1)
+                for rows in combinations(stamps, n)
+                if all(a < b for a, b in pairwise(rows))
+            ),
+            default=0,
+        )
+        assert keep.sum() == most
 
     @given(arrays(float, st.integers(0, 30), elements=st.floats(allow_nan=True, allow_infinity=True)))
     def test_whatever_is_repaired_passes(self, time: np.ndarray) -> None:
@@ -154,6 +182,18 @@ class TestResample:
         log = Recording({"speed": Signal(time, values)}).resample(rate)
         np.testing.assert_allclose(log.time, ticks / rate, atol=1e-9)
         np.testing.assert_array_equal(log["speed"], values)
+
+    @pytest.mark.parametrize("late", [0.0, 0.0049, 0.005, 0.0051, 0.0099])
+    def test_jitter_half_way_between_ticks_loses_nothing(self, late: float) -> None:
+        random = np.random.default_rng(1)
+        base = np.arange(1000) * 0.01
+        other = base + late + random.normal(0, 1e-4, 1000)
+        values = random.normal(size=1000)
+        log = Recording({"speed": signal(base), "accel_x": Signal(other, values)}).resample()
+        assert log.metadata["rate"] == 100
+        found = log["accel_x"]
+        np.testing.assert_array_equal(found[np.isfinite(found)], values)
+        assert np.abs(log.time[np.isfinite(found)] - other).max() < 0.0055
 
     @given(st.integers(0, 2**32 - 1))
     def test_means_are_preserved(self, seed: int) -> None:

@@ -90,6 +90,20 @@ def test_temperatures_are_affine(text: str, value: float, kelvin: float) -> None
     assert convert(kelvin, "K", text) == pytest.approx(value, abs=1e-9)
 
 
+@pytest.mark.parametrize("text", ["Grad", "grad", "GRAD"])
+def test_german_degrees_are_degrees(text: str) -> None:
+    assert convert(180.0, text, "rad") == pytest.approx(np.pi, rel=1e-12)
+    assert convert(180.0, f"{text}/s", "rad/s") == pytest.approx(np.pi, rel=1e-12)
+    assert convert(200.0, "gon", "rad") == pytest.approx(np.pi, rel=1e-12)
+
+
+@pytest.mark.parametrize("text", ["1/s", "s^-1", "1/sec", "1/ms", "count/s"])
+def test_a_rotation_speed_says_what_it_counts(text: str) -> None:
+    with pytest.raises(InputError, match=r"counts no angle: revolutions or radians\?; .*rev/s .* or rad/s"):
+        convert(1.0, text, "rad/s")
+    assert convert(2.0, "1/min", "rad/s") == pytest.approx(2 * 2 * np.pi / 60)
+
+
 def test_a_dimension_does_not_depend_on_how_it_is_written() -> None:
     texts = ["N*m", "m*N", "kg*m^2/s^2", "m^2/s^2*kg", "ft*lbf", "lbf*ft", "J"]
     assert len({parse_unit(t).dimension for t in texts}) == 1

@@ -152,10 +152,31 @@ def test_steps_of_no_drive_are_asked_about(csv) -> None:  # type: ignore[no-unty
     assert csv(f"time,speed\n{rows[:12]}")["speed"].time[1] == 10  # too few to say
 
 
+def test_whole_numbers_are_asked_about_where_there_are_many(csv) -> None:  # type: ignore[no-untyped-def]
+    """Milliseconds at 250 to 1000 Hz in a column that is called time passed for a slow log in seconds."""
+
+    def rows(count: int, step: float, start: float = 0) -> str:
+        return "".join(f"{start + step * k:.10g},{k}\n" for k in range(count))
+
+    for step in (1, 2, 4):
+        with pytest.raises(InputError, match=rf"steps of {step} s, .* unit ms\?.*, also if it is s"):
+            csv(f"time,speed\n{rows(200, step)}")
+    assert csv(f"time [s],speed\n{rows(200, 1)}")["speed"].rate == 1
+    assert csv(f"time_s,speed\n{rows(200, 1)}")["speed"].rate == 1
+    assert csv(f"time,speed\n{rows(200, 1)}", time_unit="ms")["speed"].rate == pytest.approx(1000)
+    assert csv(f"time,speed\n{rows(200, 1.01)}")["speed"].rate == pytest.approx(1 / 1.01)
+    assert csv(f"time,speed\n{rows(60, 1)}")["speed"].rate == 1
+    unix = csv(f"time,speed\n{rows(200, 1, 1627274454)}")  # no clock of ms has run so long
+    assert unix["speed"].rate == 1
+    assert unix.metadata["start_time"].startswith("2021-07-26T04:40:54")
+    with pytest.raises(InputError, match="steps of 4 s"):
+        csv(f"time,speed\n{rows(200, 4, 200_000_000)}")  # ms of two days
+
+
 def test_booleans_count_and_unnamed_columns_are_left_out(csv) -> None:  # type: ignore[no-untyped-def]
     recording = csv(",time,brake\n0,0,true\n1,1,false\n")
     assert values(recording, "brake") == [1, 0]
-    assert recording.metadata["skipped"] == ["column 1"]
+    assert recording.metadata["skipped"] == ["column 1: no name"]
     trailing = csv("time;speed;\n0;1;\n1;2;\n")
     assert list(trailing) == ["speed"]
 
@@ -212,6 +233,19 @@ REFUSED = {
         "timestamp,speed\n1627274454500,1\n",
         "timestamp: the time starts at 1.62727e+12 s; give the time's unit in the header ('time [ms]') "
         "or the mapping ('time: {unit: ms}')",
+    ),
+    "seconds of another era": (
+        "time [s],speed\n63800000000,1\n63800000001,2\n",
+        "time [s]: the time starts at 6.38e+10 s; give the time's unit in the header ('time [ms]') or the "
+        "mapping ('time: {unit: ms}'), or count from 1970 or the start",
+    ),
+    "seconds before dates in ns": (
+        "time [s],speed\n-9300000000,1\n-9299999999,2\n",
+        "time [s]: the time starts at -9.3e+09 s; give",
+    ),
+    "a clock that was not set": (
+        "time,speed\n2021-07-26T00:00:01,1\n0001-01-01T00:00:02,2\n",
+        "time: the date 0001-01-01T00:00:02 lies outside 1678 to 2261 (row 1); leave it empty where",
     ),
     "ms in time": (
         "time,speed\n0,1\n10,2\n20,2\n30,2\n40,3\n",

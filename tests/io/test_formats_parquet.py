@@ -99,6 +99,31 @@ def test_metadata_of_a_log_is_kept(tmp_path: Path) -> None:
     }
 
 
+def test_dates_beyond_those_in_ns_are_refused(tmp_path: Path) -> None:
+    dates = np.array(["0001-01-01T00:00:01", "0001-01-01T00:00:02"], "datetime64[us]")
+    path = table(tmp_path / "a.parquet", {"time": pa.array(dates), "v": [1.0, 2.0]})
+    with pytest.raises(InputError, match=r"time: the date 0001-01-01T00:00:01 lies outside 1678 to 2261"):
+        read(path)
+
+
+def test_what_another_reading_left_out_is_no_news(tmp_path: Path) -> None:
+    stale = {"skipped": ["note"], "undecoded": ["0x005"], "dropped": {"speed": 3}, "vehicle": "compact"}
+    log = Log(np.arange(3.0), {"speed": np.ones(3)}, stale)
+    metadata = read(write(log, tmp_path / "a.parquet")).metadata
+    assert set(metadata) == {"vehicle", "files", "format"}
+
+
+def test_a_table_that_would_fill_the_memory_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = table(tmp_path / "a.parquet", {"time": np.arange(1000) * 0.01, "v": np.ones(1000)})
+    monkeypatch.setattr("roadstate.core.tabular._MAX_BYTES", 16_000)
+    assert len(read(path)["v"]) == 1000
+    monkeypatch.setattr("roadstate.core.tabular._MAX_BYTES", 15_999)
+    with pytest.raises(InputError, match=r"a\.parquet: 1000 rows of 2 columns are over .*; split it"):
+        read(path)
+
+
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.lists(st.floats(), min_size=1, max_size=30))
 def test_every_float_survives(tmp_path: Path, values: list[float]) -> None:

@@ -331,6 +331,19 @@ def test_a_reference_that_cannot_be_derived_leaves_no_standard_error() -> None:
     assert "reference_std" not in out.metadata
 
 
+def test_the_standard_error_of_a_reference_goes_with_that_reference() -> None:
+    raw = recording(ref_grade=[0.1, 0.1], slope=[0.1, 0.1])
+    told = {"mapped": {"x": "y"}, "sources": {"x": ["y"]}, "reference_std": {"ref_grade": 0.01, "bank": 1}}
+    written = Recording(raw.signals, {**raw.metadata, **told})
+    for content in ({}, {"reference": {"ref_grade": "ref_grade"}}):
+        assert apply(content, written).metadata["reference_std"] == {"ref_grade": 0.01}
+    for spec in ("slope", {"from": "ref_grade", "scale": 2}, {"from": "ref_grade", "unit": "deg"}):
+        assert "reference_std" not in apply({"reference": {"ref_grade": spec}}, written).metadata
+    listed = apply({"channels": {"speed": "slope"}, "only_listed": True}, written)
+    assert "reference_std" not in listed.metadata
+    assert set(listed.metadata["mapped"]) == {"speed"}
+
+
 def test_a_derived_reference_may_be_optional() -> None:
     spec = {"slope_of": {"from": "h", "optional": True}, "speed": "v", "over": 100}
     assert "ref_grade" not in apply({"reference": {"ref_grade": spec}}, recording(v=[1.0])).signals

@@ -116,6 +116,27 @@ def test_bad_time_is_refused_or_repaired_as_asked(bad: list[float]) -> None:
     out.resample()
 
 
+def test_repair_tells_how_many_samples_it_left_out() -> None:
+    time = np.arange(6000) * 0.01
+    time[[100, 3000]] = 1e4, np.nan
+    raw = recording(time=time, speed=np.ones(6000), yaw_rate=np.zeros(6000), other=np.zeros(6000))
+    out = apply({"time": {"repair": "drop"}}, raw)
+    assert len(out["speed"]) == 5998
+    assert out["speed"].time is out["yaw_rate"].time
+    assert out.metadata["dropped"] == {"speed": 2, "yaw_rate": 2}
+    clean = apply({"time": {"repair": "drop"}}, recording(speed=[1.0, 2.0]))
+    assert "dropped" not in clean.metadata
+
+
+def test_repair_that_would_cost_a_good_part_of_the_log_is_refused() -> None:
+    time = np.r_[np.arange(900) * 0.01, np.arange(100) * 0.01]  # the clock was set back
+    text = refusal({"time": {"repair": "drop"}}, recording(time=time, speed=np.ones(1000)))
+    assert "speed: the time of 100 of 1000 samples is out of order: too many to leave out; sort the" in text
+    repeats = np.repeat(np.arange(500) * 0.01, 2)  # stamps coarser than the samples
+    out = apply({"time": {"repair": "drop"}}, recording(time=repeats, speed=np.ones(1000)))
+    assert len(out["speed"]) == out.metadata["dropped"]["speed"] == 500
+
+
 def test_time_of_signals_that_are_not_taken_does_not_matter() -> None:
     bad = Signal(np.array([1.0, 0.0]), np.zeros(2))
     assert "speed" in DEFAULT_MAPPING.apply(recording(speed=[1.0, 2.0], junk=bad)).signals

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
+from itertools import pairwise
 
 import numpy as np
 
@@ -18,7 +19,9 @@ def join(recordings: Sequence[Recording]) -> Recording:
     Recordings that all carry absolute start times (UTC where they name no zone) are laid on the earliest
     one's clock; otherwise their times are taken to be on one clock already. Files that follow one another are
     put in time order, each signal's pieces end to end; files that run at the same time must hold different
-    signals (a CAN log and a GNSS log, say), and lie side by side.
+    signals (a CAN log and a GNSS log, say), or the same at different times, and lie side by side. The
+    metadata are the earliest one's, with all ``files`` and whatever any of them left out (``skipped``,
+    ``undecoded``).
 
     Raises:
         InputError: no file; two files hold the same signal at the same time, or give it different units; a
@@ -33,8 +36,11 @@ def join(recordings: Sequence[Recording]) -> Recording:
     for recording in shifted:
         for name, signal in recording.signals.items():
             if len(signal):
-                _check_follows(parts.setdefault(name, []), name, signal)
-                parts[name].append(signal)
+                parts.setdefault(name, []).append(signal)
+    for name, pieces in parts.items():
+        pieces.sort(key=lambda piece: _span(piece)[0])
+        for earlier, later in pairwise(pieces):
+            _check_follows(earlier, name, later)
     joined: dict[str, Signal] = {}
     bases: dict[tuple[int, ...], Array] = {}
     for name, pieces in parts.items():
@@ -43,29 +49,39 @@ def join(recordings: Sequence[Recording]) -> Recording:
             bases[key] = np.concatenate([p.time for p in pieces])
         joined[name] = replace(pieces[0], time=bases[key], values=np.concatenate([p.values for p in pieces]))
     files = [f for r in shifted for f in r.metadata.get("files", [])]
-    return Recording(joined, {**shifted[0].metadata, "files": files})
+    left_out = {key: _union(r.metadata.get(key, ()) for r in shifted) for key in ("skipped", "undecoded")}
+    known = {key: names for key, names in left_out.items() if names}
+    return Recording(joined, {**shifted[0].metadata, **known, "files": files})
 
 
-def _check_follows(earlier: Sequence[Signal], name: str, signal: Signal) -> None:
-    if not earlier:
-        return
-    last = earlier[-1]
+def _union(lists: Iterable[Iterable[str]]) -> list[str]:
+    return list(dict.fromkeys(text for texts in lists for text in texts))
+
+
+def _check_follows(last: Signal, name: str, signal: Signal) -> None:
     if signal.unit != last.unit:
         raise InputError(
             f"{name} is in '{signal.unit}' here and in '{last.unit}' in {last.source}",
             where=signal.source,
             mend="convert one of the files",
         )
-    if signal.time[0] <= last.time[-1]:
+    begin, end = _span(signal)[0], _span(last)[1]
+    if begin <= end:
         raise InputError(
-            f"{name} begins at {signal.time[0]:.6g} s, before {last.source} ends ({last.time[-1]:.6g} s)",
+            f"{name} begins at {begin:.6g} s, before {last.source} ends ({end:.6g} s)",
             where=signal.source,
             mend="give files of one drive; without absolute time they must continue each other's clock",
         )
 
 
+def _span(signal: Signal) -> tuple[float, float]:
+    """First and last stamp that is a number; a missing one says nothing of the order."""
+    finite = signal.time[np.isfinite(signal.time)]
+    return (float(finite[0]), float(finite[-1])) if len(finite) else (np.inf, -np.inf)
+
+
 def _start(recording: Recording) -> float:
-    return min((float(s.time[0]) for s in recording.signals.values() if len(s)), default=np.inf)
+    return min((_span(s)[0] for s in recording.signals.values()), default=np.inf)
 
 
 def _on_one_clock(recordings: Sequence[Recording]) -> list[Recording]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -16,6 +17,8 @@ from roadstate.core.log import Log
 Array = NDArray[np.float64]
 _MAX_RATE = 100.0  # Hz; what a vehicle-dynamics estimator needs, and no more
 _MAX_TICKS = 2.0**53  # beyond it neighbouring ticks are one float
+_SAME_RATE = 0.01  # relative
+_FEW = 0.01  # of a signal's samples
 
 
 @dataclass(frozen=True)
@@ -74,12 +77,54 @@ class Signal:
         )
 
     def repaired(self) -> Signal:
-        """The signal without the samples whose time is not finite or not after the one before."""
-        keep = np.isfinite(self.time)
-        time = self.time[keep]
-        ahead = np.ones(len(time), dtype=bool)
-        ahead[1:] = time[1:] > np.maximum.accumulate(time)[:-1]
-        return replace(self, time=time[ahead], values=self.values[keep][ahead])
+        """The signal without the samples whose time is not finite or out of order (:func:`in_order`)."""
+        keep = in_order(self.time)
+        return replace(self, time=self.time[keep], values=self.values[keep])
+
+
+def in_order(time: Array) -> NDArray[np.bool_]:
+    """Which samples to keep so that time increases: as many as can be, the first of those that repeat.
+
+    A stamp later than most of its followers is taken for the wrong one, not the followers.
+
+    Args:
+        time: (N,) in s.
+
+    Returns:
+        (N,) true where a sample stays; never where its time is not finite.
+    """
+    keep = np.isfinite(time)
+    stamps = time[keep]
+    ahead = np.ones(len(stamps), dtype=bool)
+    ahead[1:] = stamps[1:] > np.maximum.accumulate(stamps)[:-1]
+    if not ahead.all():
+        longest = _longest_increasing(stamps.tolist())
+        if len(longest) > ahead.sum():
+            ahead[:] = False
+            ahead[longest] = True
+    keep[keep] = ahead
+    return keep
+
+
+def _longest_increasing(stamps: list[float]) -> list[int]:
+    """Rows of the longest strictly increasing subsequence, by patience sorting: O(N log N)."""
+    ends: list[float] = []  # the least end of an increasing run of each length
+    rows: list[int] = []
+    before: list[int] = []
+    for row, stamp in enumerate(stamps):
+        length = bisect_left(ends, stamp) if ends and stamp <= ends[-1] else len(ends)
+        before.append(rows[length - 1] if length else -1)
+        if length == len(ends):
+            ends.append(stamp)
+            rows.append(row)
+        elif stamp < ends[length]:
+            ends[length], rows[length] = stamp, row
+    found: list[int] = []
+    row = rows[-1] if rows else -1
+    while row >= 0:
+        found.append(row)
+        row = before[row]
+    return found[::-1]
 
 
 _REPAIR = "sort the log, or set 'time: {repair: drop}' in the mapping to leave such samples out"
@@ -116,10 +161,10 @@ class Recording:
         """Bring canonical signals onto one time base.
 
         With ``rate=None``, signals that share a time base keep it. Otherwise each sample goes to its nearest
-        tick of the grid (so by at most half a tick), several in one tick are averaged, which is also the
-        anti-alias filter; a tick without a sample is NaN, and ticks that no signal reaches (gaps) are left
-        out. References are interpolated where their neighbours are at most 1 s (or two of their own samples)
-        apart. Nothing is extrapolated.
+        tick of the grid (so by at most half a tick, and its jitter where the signal keeps half a tick away
+        from the grid), several in one tick are averaged, which is also the anti-alias filter; a tick without
+        a sample is NaN, and ticks that no signal reaches (gaps) are left out. References are interpolated
+        where their neighbours are at most 1 s (or two of their own samples) apart. Nothing is extrapolated.
 
         Args:
             rate: ticks per second in Hz; default the fastest measured signal's, at most 100.
@@ -161,7 +206,7 @@ class Recording:
                 where=last.source,
                 mend="check the unit of the time",
             )
-        ticks_of = {n: np.rint((s.time - start) * rate).astype(np.int64) for n, s in measured.items()}
+        ticks_of = {n: _ticks((s.time - start) * rate) for n, s in measured.items()}
         used = np.unique(np.concatenate(list(ticks_of.values())))
         time = start + used / rate
         columns: dict[str, Array] = {}
@@ -171,6 +216,26 @@ class Recording:
             else:
                 columns[name] = interpolate(signal, time)
         return Log(time, columns, {**self.metadata, "rate": rate})
+
+
+def _ticks(place: Array) -> NDArray[np.int64]:
+    """The tick of each sample, from its place on the grid (in ticks).
+
+    Of a signal as fast as the grid whose samples lie about half-way between two ticks, jitter would send
+    neighbours to one tick and leave the next one empty: all of them go the same way then.
+    """
+    nearest = np.rint(place).astype(np.int64)
+    few = _FEW * len(place)
+    if _doubled(nearest) <= few or abs(float(np.median(np.diff(place))) - 1.0) > _SAME_RATE:
+        return nearest
+    phase = float(np.angle(np.mean(np.exp(2j * np.pi * place)))) / (2.0 * np.pi)
+    together = np.rint(place - phase).astype(np.int64)
+    return together if _doubled(together) < _doubled(nearest) - few else nearest
+
+
+def _doubled(ticks: NDArray[np.int64]) -> int:
+    """How many of the ticks, which do not fall, are those of the sample before."""
+    return int((np.diff(ticks) == 0).sum())
 
 
 def _bin_mean(index: NDArray[np.int64], values: Array, size: int) -> Array:

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _METADATA_KEY = b"roadstate"
+_MAX_BYTES = 4 << 30  # as numbers; a small file may unpack to any size
 
 
 @dataclass(frozen=True)
@@ -158,7 +159,7 @@ def from_parquet(path: str | Path) -> tuple[dict[str, Column], dict[str, Any]]:
     """Columns and metadata of a Parquet file.
 
     Raises:
-        InputError: the file is missing or is no Parquet file.
+        InputError: the file is missing, is no Parquet file, or would fill 4 GiB and more.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -167,6 +168,14 @@ def from_parquet(path: str | Path) -> tuple[dict[str, Column], dict[str, Any]]:
     if not Path(path).is_file():
         raise InputError("no such file", where=where, mend="check the path")
     try:
+        content = pq.read_metadata(path)
+        rows, wide = content.num_rows, content.num_columns
+        if rows * wide * 8 > _MAX_BYTES:
+            raise InputError(
+                f"{rows} rows of {wide} columns are over {_MAX_BYTES >> 30} GiB of numbers",
+                where=where,
+                mend="split it, or leave columns out",
+            )
         table = pq.read_table(path)
     except (pa.ArrowException, OSError) as error:
         raise InputError("not a readable Parquet file", where=where, mend="is it cut short?") from error

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from roadstate.core.errors import InputError
 
-# Looked up in lower case. Frequencies are read as revolutions: no canonical channel is a frequency.
+# Looked up in lower case. Frequencies are read as revolutions: no canonical channel is a frequency. German
+# loggers write Grad for a degree; a hundredth of a right angle is a gon.
 _ALIASES = {
     "": "dimensionless",
     "-": "dimensionless",
@@ -29,6 +30,8 @@ _ALIASES = {
     "°": "degree",
     "deg": "degree",
     "degrees": "degree",
+    "grad": "degree",
+    "grad/s": "degree/second",
     "°/s": "degree/second",
     "dps": "degree/second",
     "deg/sec": "degree/second",
@@ -73,6 +76,7 @@ _SMALL_POWER = re.compile(
     r"(?:\*\*|\^)\s*(?:-?[0-9](?:\.[0-9]+)?|\(-?[0-9](?:\.[0-9]+)?\))(?![0-9.]|\s*(?:\*\*|\^))"
 )
 _POWER_OF_GROUP = re.compile(r"\)\s*(?:\*\*|\^)")
+_PER_TIME = "[time]^-1"
 
 
 @dataclass(frozen=True)
@@ -85,6 +89,7 @@ class Unit:
         offset: added after scaling (temperatures only).
         dimension: what it measures, as a text to compare (angles are dimensionless, as in SI).
         is_ratio: whether it is a bare number (``-``, ``%``, ``m/m``): dimensionless and no angle.
+        is_angular: whether it counts angles (``deg/s``, ``rpm``; not ``1/s``).
     """
 
     text: str
@@ -92,6 +97,7 @@ class Unit:
     offset: float
     dimension: str
     is_ratio: bool
+    is_angular: bool
 
 
 @cache
@@ -142,7 +148,7 @@ def parse_unit(text: str) -> Unit:
         raise refusal
     powers = sorted(units.dimensionality.items())
     dimension = " ".join(f"{name}^{float(power):g}" for name, power in powers)
-    return Unit(text, scale, offset, dimension, bool(one.unitless))
+    return Unit(text, scale, offset, dimension, bool(one.unitless), "radian" in str(one.units))
 
 
 def _has_small_powers(text: str) -> bool:
@@ -159,7 +165,8 @@ def convert(values: NDArray[np.float64] | float, unit: str, to: str) -> NDArray[
     """Convert ``values`` from ``unit`` to ``to``; the array itself comes back where nothing changes.
 
     Raises:
-        InputError: a unit cannot be read, or the two measure different things.
+        InputError: a unit cannot be read, the two measure different things, or ``1/s`` is to be a rotation
+            speed, which may count radians or revolutions.
     """
     array = np.asarray(values, dtype=np.float64)
     if unit == to:
@@ -168,6 +175,11 @@ def convert(values: NDArray[np.float64] | float, unit: str, to: str) -> NDArray[
     if source.dimension != target.dimension:
         raise InputError(
             f"unit '{unit}' cannot be converted to '{to}'", mend="give the signal's true unit with 'unit:'"
+        )
+    if target.is_angular and not source.is_angular and target.dimension == _PER_TIME:
+        raise InputError(
+            f"unit '{unit}' counts no angle: revolutions or radians?",
+            mend="give the signal's true unit with 'unit:', which is rev/s (that is Hz), rpm or rad/s",
         )
     scale = source.scale / target.scale
     offset = (source.offset - target.offset) / target.scale

@@ -28,8 +28,9 @@ def read(
 
     Returns:
         Signals in the file's units, time in s. ``metadata`` holds ``files``, ``format``, ``start_time`` (UTC,
-        ISO text, only where the file has an absolute time) and ``skipped``, the columns or messages that hold
-        no numbers or could not be read.
+        ISO text, only where the file has an absolute time), ``skipped``, the columns or messages that hold no
+        numbers or could not be read (``name`` or ``name: reason``), and ``undecoded``, the ids of CAN frames
+        that no DBC explains.
 
     Raises:
         InputError: the file is missing, empty, cut short, of no known format or not readable in it.

@@ -5,16 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping as AbstractMapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from roadstate.core import CHANNELS, InputError, Recording, Signal
-from roadstate.core.signals import interpolate
+from roadstate.core.signals import in_order, interpolate
 from roadstate.core.units import to_channel_unit
-from roadstate.io.mapping_channel import ChannelMap, Condition, is_linear_wheel_speed, is_slope
+from roadstate.io.mapping_channel import ChannelMap, Condition, Gain, is_linear_wheel_speed, is_slope
 from roadstate.io.mapping_schema import IMU_CHANNELS, Axes, Sections, SlopeMap
 from roadstate.io.mapping_yaml import in_one_line, read_mapping_file
 from roadstate.io.matching import Candidate, find, not_found
@@ -24,6 +23,9 @@ from roadstate.io.reference import slope_reference
 Array = NDArray[np.float64]
 
 _TOLERANCE = 1e-6  # relative, when raw values are compared with those that mean invalid
+_MOST_OUT_OF_ORDER = 0.05  # of a signal's samples, that may be left out
+_FEW = 10  # that may in any case
+_OF_A_MAPPING = ("mapped", "sources", "reference_std", "dropped")
 
 
 class Mapping(Sections):
@@ -50,12 +52,14 @@ class Mapping(Sections):
 
         Returns:
             Canonical signals. The metadata are kept, with ``mapped`` (canonical → what it was made of, in
-            words), ``sources`` (canonical → raw names) and, for derived references, ``reference_std`` (their
-            standard error, the median over the log, in SI).
+            words), ``sources`` (canonical → raw names), ``dropped`` (raw name → samples left out for their
+            time, where there are any) and, for derived references, ``reference_std`` (their standard error,
+            the median over the log, in SI; that of a reference taken as it is stays).
 
         Raises:
             InputError: a channel's signal is not there or there twice, a unit does not fit, a time base does
-                not increase, or the values are implausible for more than 1 % of the samples.
+                not increase or could be repaired only by leaving out over 5 % of it, or the values are
+                implausible for more than 1 % of the samples.
         """
         return _Application(self, recording, wheel_radius).run()
 
@@ -89,10 +93,12 @@ class _Application:
         self.wheel_radius = wheel_radius
         self.checked: dict[str, Signal] = {}
         self.bases: dict[tuple[int, float], tuple[Array, Array]] = {}
+        self.keeps: dict[int, tuple[Array, NDArray[np.bool_]]] = {}
         self.out: dict[str, Signal] = {}
         self.mapped: dict[str, str] = {}
         self.sources: dict[str, list[str]] = {}
         self.reference_std: dict[str, float] = {}
+        self.dropped: dict[str, int] = {}
 
     def run(self) -> Recording:
         mapping = self.mapping
@@ -111,9 +117,10 @@ class _Application:
             for name in self.recording:
                 if name in CHANNELS and name not in given:
                     self.take(name, ChannelMap.model_validate(name))
-        metadata: dict[str, Any] = {**self.recording.metadata, "mapped": self.mapped, "sources": self.sources}
-        if self.reference_std:
-            metadata["reference_std"] = self.reference_std
+        metadata = {k: v for k, v in self.recording.metadata.items() if k not in _OF_A_MAPPING}
+        metadata |= {"mapped": self.mapped, "sources": self.sources}
+        metadata |= {"reference_std": self.reference_std} if self.reference_std else {}
+        metadata |= {"dropped": self.dropped} if self.dropped else {}
         return Recording(self.out, metadata)
 
     def take(self, name: str, spec: ChannelMap) -> None:
@@ -124,6 +131,10 @@ class _Application:
         unit = CHANNELS[name].unit if spec.scale.unit else self.unit_of(name, key, spec)
         check_plausible(name, signal, unit)
         self.put(name, signal, key, [key])
+        told = self.recording.metadata.get("reference_std")
+        is_as_read = key == name and spec.unit is None and spec.scale == Gain()
+        if is_as_read and isinstance(told, dict) and name in told:
+            self.reference_std[name] = told[name]
 
     def put(self, name: str, signal: Signal, made_of: str, keys: list[str]) -> None:
         self.out[name], self.mapped[name], self.sources[name] = signal, made_of, keys
@@ -172,7 +183,8 @@ class _Application:
         try:
             key = find(spec.from_, self.recording.signals)
             if key is None and not spec.optional:
-                raise not_found(spec.from_, self.recording.signals)
+                skipped = self.recording.metadata.get("skipped", ())
+                raise not_found(spec.from_, self.recording.signals, skipped)
         except InputError as error:
             raise InputError(error.what, where=self.where(place), mend=error.mend) from error
         return key
@@ -186,12 +198,32 @@ class _Application:
         if key not in self.checked:
             signal = self.recording[key]
             if self.mapping.time.repair == "drop":
-                repaired = signal.repaired()
-                signal = replace(repaired, time=self.shared(signal.time, -0.0, repaired.time))
+                keep = self.kept(key, signal)
+                time = self.shared(signal.time, -0.0, signal.time[keep])
+                signal = replace(signal, time=time, values=signal.values[keep])
             else:
                 signal.check_time()
             self.checked[key] = signal
         return self.checked[key]
+
+    def kept(self, key: str, signal: Signal) -> NDArray[np.bool_]:
+        """Which samples stay when the time base is repaired; refuses to leave out a good part of it."""
+        if id(signal.time) not in self.keeps:  # as below, the base is kept beside what was made of it
+            self.keeps[id(signal.time)] = (signal.time, in_order(signal.time))
+        time, keep = self.keeps[id(signal.time)]
+        if keep.all():
+            return keep
+        self.dropped[key] = int((~keep).sum())
+        is_repeat = np.zeros(len(time), bool)
+        is_repeat[1:] = np.diff(time) == 0
+        count = int((~keep & np.isfinite(time) & ~is_repeat).sum())
+        if count > max(_MOST_OUT_OF_ORDER * len(time), _FEW):
+            raise InputError(
+                f"the time of {count} of {len(time)} samples is out of order: too many to leave out",
+                where=signal.source or key,
+                mend="sort the log, or cut it where its clock was set and run the parts with --separate",
+            )
+        return keep
 
     def shared(self, base: Array, delay: float, time: Array) -> Array:
         """``time``, or the equal array made before from the same ``base``, so that the two stay one base."""

@@ -132,10 +132,22 @@ def find(candidates: Iterable[Candidate], signals: Mapping[str, Signal]) -> str 
     return None
 
 
-def not_found(candidates: Iterable[Candidate], signals: Mapping[str, Signal]) -> InputError:
-    """The error for candidates none of which is in the recording, with the closest raw names."""
+def not_found(
+    candidates: Iterable[Candidate], signals: Mapping[str, Signal], skipped: Iterable[str] = ()
+) -> InputError:
+    """The error for candidates none of which is in the recording, with the closest raw names.
+
+    Args:
+        candidates: what was looked for.
+        signals: what there is.
+        skipped: what the reader left out, ``name`` or ``name: reason``.
+    """
     tried = list(candidates)
     wanted = [c.signal or (c.glob or c.regex or "").strip("*^$.") for c in tried]
+    for name, _, reason in (entry.partition(": ") for entry in skipped):
+        if name in wanted:
+            what = f"'{name}' is there, but was left out ({reason or 'no plain numbers'})"
+            return InputError(what, mend="correct it, or name another signal")
     close = list(dict.fromkeys(k for w in wanted for k in _closest(w, signals)))[:_MAX_SHOWN]
     if close:
         mend = "closest: " + ", ".join(f"'{k}'" for k in close)

@@ -23,7 +23,9 @@ _UNIT_PLACES = "the header ('time [ms]') or the mapping ('time: {unit: ms}')"
 _FEW = 3  # samples, whose steps say nothing
 _LONGEST_STEP = 5.0  # s from one sample to the next, in a log of a drive
 _ABSOLUTE = 1e8  # s; a log that runs for three years is none, so a larger time counts from 1970
-_FAR_FUTURE = 1e11  # s after 1970; such a number is in another unit
+_FAR = 9.2e9  # s from 1970, the year 2261, where times in ns end; a larger number is in another unit
+_MANY = 100  # rows of whole numbers, from which on they may well be ms
+_EARLIEST = 9e8  # s after 1970; no log is from before 1998, but a clock of ms may show less
 
 
 def find_time(headers: Sequence[str], names: Sequence[str], wanted: str | None, where: str) -> int:
@@ -78,12 +80,13 @@ def seconds(values: NDArray[Any], unit: str | None, where: str) -> tuple[NDArray
         (T,) in s, and the first sample's ISO text in UTC or ``None``.
 
     Raises:
-        InputError: the unit is none of time, nothing is there, the numbers lie beyond any date, or steps are
-            those of no drive in seconds, which nothing says that they are.
+        InputError: the unit is none of time, nothing is there, dates or numbers lie beyond 1678 to 2261, or
+            steps may be no seconds, which nothing says that they are.
     """
     is_guessed, unit = unit is None, unit or "s"
     if values.dtype.kind == "M":
-        missing = np.isnat(values)
+        is_guessed, missing = False, np.isnat(values)
+        _check_dates(values, missing, where)
         values, unit = values.astype("datetime64[ns]").astype(np.int64), "ns"
     else:
         missing = np.isnan(values) if values.dtype.kind == "f" else np.zeros(len(values), bool)
@@ -94,17 +97,20 @@ def seconds(values: NDArray[Any], unit: str | None, where: str) -> tuple[NDArray
     if values.dtype.kind == "u":
         values = values.astype(np.int64)
     first = values[int(np.argmin(missing))]
+    mend = f"give the time's unit in {_UNIT_PLACES}"
     try:
         start = float(convert(float(first), unit, "s"))
-        is_absolute = abs(start) > _ABSOLUTE
-        if is_absolute and not abs(start) < _FAR_FUTURE:
-            raise InputError(f"the time starts at {start:.6g} s")
-        elapsed = values - first if is_absolute else values
-        time = convert(np.asarray(elapsed, dtype=np.float64), unit, "s")
     except InputError as error:
-        raise InputError(error.what, where=where, mend=f"give the time's unit in {_UNIT_PLACES}") from error
-    if is_guessed and values.dtype.kind != "M" and unit == "s":
-        _check_pace(time[~missing], where)
+        raise InputError(error.what, where=where, mend=mend) from error
+    is_absolute = abs(start) > _ABSOLUTE
+    if is_absolute and not abs(start) < _FAR:
+        raise InputError(
+            f"the time starts at {start:.6g} s", where=where, mend=f"{mend}, or count from 1970 or the start"
+        )
+    elapsed = values - first if is_absolute else values
+    time = convert(np.asarray(elapsed, dtype=np.float64), unit, "s")
+    if is_guessed:
+        _check_pace(time[~missing], start, where)
     if missing.any():
         time = np.where(missing, np.nan, time)
     if not is_absolute:
@@ -115,10 +121,26 @@ def seconds(values: NDArray[Any], unit: str | None, where: str) -> tuple[NDArray
     return time, str(np.datetime64(round(start * 1e6), "us"))
 
 
-def _check_pace(time: NDArray[np.float64], where: str) -> None:
-    """Refuse steps of several seconds where nothing says that they are seconds: most loggers count ms."""
+def _check_dates(dates: NDArray[Any], missing: NDArray[np.bool_], where: str) -> None:
+    """Refuse dates that are none in ns: a cast would wrap them around."""
+    far = ~missing & (np.abs(dates.astype("datetime64[s]").astype(np.int64)) > _FAR)
+    if far.any():
+        row = int(np.argmax(far))
+        raise InputError(
+            f"the date {dates[row].astype('datetime64[s]')} lies outside 1678 to 2261 (row {row})",
+            where=where,
+            mend="leave it empty where the clock was not set, or give seconds from the start",
+        )
+
+
+def _check_pace(time: NDArray[np.float64], start: float, where: str) -> None:
+    """Refuse what may well be ms where nothing says that it is seconds: most loggers count ms.
+
+    That are steps of several seconds, and many whole numbers, unless they are seconds since 1970.
+    """
     step = float(np.median(np.diff(time))) if len(time) > _FEW else 0.0
-    if step >= _LONGEST_STEP:
+    is_counted = len(time) > _MANY and step >= 1.0 and start < _EARLIEST
+    if step >= _LONGEST_STEP or (is_counted and bool((time == np.rint(time)).all())):
         raise InputError(
             f"steps of {step:.4g} s, if its numbers are seconds",
             where=where,

@@ -75,7 +75,7 @@ def read(path: Path, options: ReadOptions) -> Recording:
             continue
         values = columns.numbers(i, table.column(i)) if name else None
         if values is None:
-            skipped.append(name or f"column {i + 1}")
+            skipped.append(name or f"column {i + 1}: no name")
             continue
         signals[name] = Signal(
             time, values.astype(np.float64, copy=False), layout.units[i], source=f"{path.name}:{name}"
@@ -193,13 +193,10 @@ class _Columns:
         if pa.types.is_boolean(kind):
             return _to_numpy(column.cast(pa.int8()))
         if pa.types.is_timestamp(kind):
-            return self._dates(column) if is_time else None
+            return np.asarray(column.to_numpy()) if is_time else None
         if pa.types.is_string(kind) or pa.types.is_binary(kind):
             return self._from_text(index, column)
         return None
-
-    def _dates(self, column: Any) -> NDArray[Any]:
-        return np.asarray(column.to_numpy()).astype("datetime64[ns]")
 
     def _from_text(self, index: int, column: Any) -> NDArray[np.float64] | None:
         import pyarrow as pa

@@ -36,7 +36,6 @@ _VALUE_TYPES = (_FIXED_LENGTH, 6)  # 6 is a virtual data channel: its value is t
 _LAST_NUMERIC_TYPE = 5  # data types 0..5 are integers and floats
 _DEFLATE_TRANSPOSED = 2
 _UTC_OFFSET_VALID = 2
-_LOCAL_TIME = 1
 _FRAME_FIELDS = ("ID", "DataBytes", "DataLength", "DLC", "BusChannel", "IDE")
 _LENGTH_OF_DLC = np.array([0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64], dtype=np.uint8)
 
@@ -219,8 +218,11 @@ def _named(mdf: Any, index: int) -> tuple[dict[str, Signal], list[str]]:
     signals: dict[str, Signal] = {}
     for (_, channel), read_signal in zip(plain, selected, strict=True):
         samples = read_signal.samples
-        if samples.ndim != 1 or samples.dtype.kind not in "biuf" or channel.name in signals:
+        if samples.ndim != 1 or samples.dtype.kind not in "biuf":
             skipped.append(channel.name)
+            continue
+        if channel.name in signals:
+            skipped.append(f"{channel.name}: a second one of that name in its group")
             continue
         values = samples.astype(np.float64)
         if read_signal.invalidation_bits is not None:

@@ -12,6 +12,8 @@ from roadstate.core import InputError, Log, Recording, Signal, tabular
 from roadstate.io.formats import Format, ReadOptions
 from roadstate.io.time_column import find_time, seconds, time_unit
 
+_OF_A_READING = ("skipped", "undecoded", "dropped")
+
 
 def sniff(head: bytes) -> bool:
     """Whether the file starts as Parquet files do."""
@@ -47,7 +49,8 @@ def read(path: Path, options: ReadOptions) -> Recording:
             signals[name] = Signal(time, values, column.unit, source=f"{path.name}:{name}")
     if not signals:
         raise InputError(f"no column of numbers beside '{names[index]}'", where=where)
-    known: dict[str, Any] = dict(metadata)
+    # not what was left out of another file, which this one was made from
+    known: dict[str, Any] = {k: v for k, v in metadata.items() if k not in _OF_A_READING}
     if start:
         known["start_time"] = start
     if skipped:
