@@ -70,7 +70,8 @@ def test_files_appear_whole(run: Run, tmp_path: Path) -> None:
     assert "| easy | MAE | % | 1000 |" in notes.read_text("utf-8")
     for path in (*out.iterdir(), notes):
         assert str(path) in end.out
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["papers", "tables.md"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["new", "papers"]
+    assert [p.name for p in notes.parent.iterdir()] == ["tables.md"]
 
 
 def test_nothing_is_left_where_a_run_fails(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

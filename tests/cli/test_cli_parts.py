@@ -134,6 +134,37 @@ def test_a_name_that_cannot_be_one_is_bad_input(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_folder_in_the_way_is_found_before_anything_is_replaced(tmp_path: Path) -> None:
+    (tmp_path / "b.parquet").mkdir()
+    (tmp_path / "a.parquet").write_text("before")
+
+    def write() -> None:
+        with staged(tmp_path) as folder:
+            for name in ("a.parquet", "b.parquet", "summary.json"):
+                (folder / name).write_text("after")
+
+    with pytest.raises(InputError, match=r"b\.parquet: is a folder; move it, or choose another folder"):
+        write()
+    assert sorted(f.name for f in tmp_path.iterdir()) == ["a.parquet", "b.parquet"]
+    assert (tmp_path / "a.parquet").read_text() == "before"
+
+
+@pytest.mark.parametrize("target", ["nowhere", "out"])
+def test_a_link_to_nothing_is_refused_before_the_work(tmp_path: Path, target: str) -> None:
+    out = tmp_path / "out"
+    out.symlink_to(tmp_path / target)
+    for place in (out, out / "deeper"):
+        message = r"out: is a link to nothing; name a folder with --out"
+        with pytest.raises(InputError, match=message), staged(place):
+            pytest.fail("the work has begun")
+
+
+@pytest.mark.parametrize("number", [errno.EEXIST, errno.ELOOP, errno.ENOTDIR])
+def test_a_folder_that_another_took_meanwhile_is_bad_input(tmp_path: Path, number: int) -> None:
+    with pytest.raises(InputError, match="cannot write"), staged(tmp_path / "o"):
+        raise OSError(number, "in the way")
+
+
 class Terminal(io.StringIO):
     """A standard error that is a terminal."""
 

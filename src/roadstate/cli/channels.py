@@ -53,7 +53,8 @@ def channels(
         described = {
             name: _described(signal, taken.get(name, [])) for name, signal in recording.signals.items()
         }
-        print_json({"files": recording.metadata.get("files", []), "channels": described, "problem": problem})
+        known = {key: recording.metadata.get(key, []) for key in ("files", "skipped", "undecoded")}
+        print_json({**known, "channels": described, "problem": problem})
     else:
         _print(recording, taken, problem)
 
@@ -95,6 +96,7 @@ def _described(signal: Signal, taken: list[str]) -> dict[str, Any]:
 
 def _print(recording: Recording, taken: dict[str, list[str]], problem: str | None) -> None:
     from roadstate.cli.console import console, figure, table, text
+    from roadstate.cli.left_out import left_out
 
     rows = table(
         "signal", "unit", "Hz", "samples", "time s", "min", "max", "missing",
@@ -117,6 +119,8 @@ def _print(recording: Recording, taken: dict[str, list[str]], problem: str | Non
     screen.print(rows)
     canonical = len({c for made in taken.values() for c in made})
     screen.print(text(f"{len(recording)} signals, {canonical} canonical channels (✓ by name, → by mapping)"))
+    if line := left_out(recording.metadata):
+        screen.print(text(line))
     if problem:
         screen.print(text(f"not usable as it is: {problem}"))
     elif not canonical:

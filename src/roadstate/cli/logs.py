@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from roadstate.cli.left_out import blaming, missed_channels
 from roadstate.core import InputError
 
 if TYPE_CHECKING:
@@ -87,7 +88,7 @@ class Source:
         mapping = self.load_mapping()
         for name, files in self.groups().items():
             recording = mapping.apply(self.read(files), wheel_radius=vehicle.wheels.radius)
-            with naming(files[0]):
+            with naming(files[0]), blaming(missed_channels(recording.metadata, mapping)):
                 log = recording.resample(self.rate)
             yield name, log
 

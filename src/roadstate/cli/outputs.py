@@ -14,7 +14,7 @@ from roadstate.core import InputError
 
 _CANNOT_WRITE = {
     *(errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM, errno.EFBIG, errno.EIO),
-    *(errno.EISDIR, errno.ENAMETOOLONG),
+    *(errno.EISDIR, errno.ENAMETOOLONG, errno.EEXIST, errno.ELOOP, errno.ENOTDIR),
 }
 
 
@@ -29,21 +29,27 @@ def staged(out: Path, option: str = "--out") -> Iterator[Path]:
         option: the one that names it.
 
     Raises:
-        InputError: ``out`` is a file, or cannot be made or written.
+        InputError: ``out`` is a file or a link to nothing, cannot be made or written, or holds a folder where
+            a file should go.
     """
     try:
         beside = out
-        while not beside.exists():
+        while not (beside.exists() or beside.is_symlink()):
             beside = beside.parent
         if not beside.is_dir():
-            raise InputError("is a file", where=str(beside), mend=f"name a folder with {option}")
+            what = "is a file" if beside.exists() else "is a link to nothing"
+            raise InputError(what, where=str(beside), mend=f"name a folder with {option}")
         stage = Path(tempfile.mkdtemp(prefix=".roadstate-", dir=beside))
     except OSError as error:
         raise _unwritable(out, option, error) from error
     try:
         yield stage
         out.mkdir(parents=True, exist_ok=True)
-        for file in sorted(stage.iterdir()):
+        files = sorted(stage.iterdir())
+        for target in (out / file.name for file in files):  # all of them, before any is replaced
+            if target.is_dir() and not target.is_symlink():
+                raise InputError("is a folder", where=str(target), mend="move it, or choose another folder")
+        for file in files:
             os.replace(file, out / file.name)
     except OSError as error:
         if error.errno not in _CANNOT_WRITE:

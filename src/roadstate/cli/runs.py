@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -140,20 +141,29 @@ def run_all(
         smooth: let each sample know of those after it, too.
         needs_reference: refuse a log without one.
 
+    At its end the canonical channels that are in the files but could not be read are named on standard error.
+
     Raises:
         InputError: names the file at fault.
     """
+    from roadstate.cli.left_out import blaming, missed_channels
     from roadstate.cli.logs import naming
 
-    groups = source.groups()
+    groups, mapping = source.groups(), source.load_mapping()
+    notes: list[InputError] = []
     work.begin(f"reading {', '.join(groups)}")
     for name, log in source.logs(vehicle):
-        with naming(groups[name][0]):
+        file = groups[name][0]
+        missed = missed_channels(log.metadata, mapping)
+        with naming(file), blaming(missed):
             if needs_reference:
                 _check_reference(log, settle)
             run = run_log(name, log, vehicle, estimators, work, settle=settle, smooth=smooth)
         yield run
+        notes += [InputError(m, where=str(file), mend="correct it, or map another signal") for m in missed]
         work.begin("reading")
+    for note in notes:  # not before the last log is done, since a refusal is to be the only line
+        print(note, file=sys.stderr)
 
 
 def _check_reference(log: Log, settle: float) -> None:

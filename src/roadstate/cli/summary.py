@@ -50,6 +50,9 @@ def log_summary(run: Run) -> dict[str, Any]:
         "samples": len(log),
         "rate_hz": 1.0 / float(np.median(np.diff(log.time))) if len(log) > 1 else None,
         "channels": sorted(log.available),
+        "skipped": list(log.metadata.get("skipped", [])),
+        "undecoded": list(log.metadata.get("undecoded", [])),
+        "dropped": dict(log.metadata.get("dropped", {})),
         "estimators": {name: estimates_summary(e) for name, e in run.results.items()},
         "metrics": {
             name: {quantity: m.to_json() for quantity, m in found.items()}

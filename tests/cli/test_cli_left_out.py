@@ -1,0 +1,69 @@
+"""What readers left out of a log: ``channels`` tells all of it, the others where a channel is missed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from cli_case import Run, assert_refusal, csv
+
+from roadstate.cli.left_out import left_out
+
+
+def test_what_was_left_out_is_one_line_with_reasons() -> None:
+    assert left_out({}) is None
+    metadata = {
+        "skipped": ["note", "m.text: more than 64 bits", "kind"],
+        "undecoded": [f"0x{i:03X}" for i in range(9)],
+    }
+    assert left_out(metadata) == (
+        "left out: note, kind (no plain numbers); m.text (more than 64 bits); "
+        "0x000, 0x001, 0x002, 0x003, 0x004, 0x005 and 3 more (no DBC explains them)"
+    )
+    assert left_out({"skipped": [f"c{i}" for i in range(100)]}) == (
+        "left out: c0, c1, c2, c3, c4, c5 and 94 more (no plain numbers)"
+    )
+
+
+def test_channels_tells_what_was_left_out(run: Run, tmp_path: Path) -> None:
+    rows = [(0.1 * i, "12 kmh", 0.0, "x") for i in range(5)]
+    file = csv(tmp_path / "log.csv", "time [s],speed,accel_x [m/s^2],note", rows)
+    assert "left out: speed, note (no plain numbers)" in run("channels", file).out
+    found = run("channels", file, "--json").json
+    assert (found["skipped"], found["undecoded"]) == (["speed", "note"], [])
+    assert set(found["channels"]) == {"accel_x"}
+
+
+def test_a_canonical_channel_that_was_left_out_is_named(run: Run, tmp_path: Path) -> None:
+    rows = [(0.01 * i, "12 kmh", 36, 0.0, 0.0, "x") for i in range(50)]
+    header = "time [s],speed [m/s],v [km/h],accel_x [m/s^2],ref_grade [rad],note"
+    file = csv(tmp_path / "log.csv", header, rows)
+    mapping = tmp_path / "m.yaml"
+    mapping.write_text("channels:\n  wheel_speed_fl: {from: v}\n  wheel_speed_fr: {from: v}\n")
+    words = (file, "-v", "family-car", "-e", "kmbe")
+    end = run("estimate", *words, "-m", mapping, "-o", tmp_path / "o", "--json")
+    line = f"{file}: speed was left out (no plain numbers); correct it, or map another signal\n"
+    assert (end.status, end.err) == (0, line)
+    assert end.json["logs"]["log"]["skipped"] == ["speed", "note"]
+    assert end.json["logs"]["log"]["undecoded"] == []
+    assert end.json["logs"]["log"]["dropped"] == {}
+    assert run("compare", *words, "-m", mapping).err == line
+    mapping.write_text("channels:\n  speed: {from: v}\n")
+    assert run("compare", *words, "-m", mapping).err == ""
+
+
+def test_a_refusal_tells_of_what_was_left_out_in_its_one_line(run: Run, tmp_path: Path) -> None:
+    file = csv(tmp_path / "log.csv", "time [s],speed,accel_x [m/s^2]", [(0, "fast", 0), (1, "slow", 0)])
+    words = ("estimate", file, "-v", "suv", "-o", tmp_path / "o")
+    end = run(*words, "-e", "kmbe")
+    assert_refusal(end)
+    assert "; speed was left out (no plain numbers); map the channel" in end.err
+    mapping = tmp_path / "m.yaml"
+    mapping.write_text("channels:\n  speed: speed\n")
+    end = run(*words, "-m", mapping)
+    assert_refusal(end)
+    what = "speed: 'speed' is there, but was left out (no plain numbers); correct it, or name another signal"
+    assert end.err == f"log.csv: {what}\n"
+    file = csv(tmp_path / "only.csv", "time [s],speed,v", [(0, "fast", 0), (1, "slow", 0)])
+    end = run("estimate", file, "-v", "suv", "-o", tmp_path / "o")
+    assert_refusal(end)
+    assert "no canonical channel found; speed was left out (no plain numbers); give a mapping" in end.err
