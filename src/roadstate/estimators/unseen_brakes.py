@@ -17,7 +17,7 @@ _BRAKE_SIGN = 0.8  # m/s²: missing specific force that betrays a brake while th
 _BRAKE_SIGN_COASTING = 0.3  # m/s²: the same with the pedal released, when a brake is likely
 _COASTING = 0.4  # m/s²: drive below which the pedal counts as released
 # m/s² missing of late, s, with the pedal released: a brake that has just begun, and not a road that shakes
-_SUDDEN = (0.5, 0.05)
+_SUDDEN = (0.5, 0.02)
 _PULLS = (0.1, 0.5)  # m/s², s: so much drive for so long and the foot is not on the brake
 
 
