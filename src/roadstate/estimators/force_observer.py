@@ -15,7 +15,15 @@ from roadstate.core.constants import GRAVITY
 from roadstate.core.gaussian import Info
 from roadstate.estimators.axle_forces import held_back
 from roadstate.estimators.base import Sample, leaf
-from roadstate.estimators.signals import STANDSTILL_SPEED, Held, SpeedMeter, signed_direction, span, way
+from roadstate.estimators.signals import (
+    STANDSTILL_SPEED,
+    Held,
+    SpeedMeter,
+    signed,
+    signed_direction,
+    span,
+    way,
+)
 from roadstate.estimators.tire_forces import (
     BRAKE_RELATIVE,
     FORCE_X,
@@ -173,11 +181,10 @@ class ForceObserver(eqx.Module):
         explained = push - drag - bend - GRAVITY * coefficient * rolls - turns_up
         brakes = state.brakes.take(held["accel_x"], explained, gentle, way(speed), dt)
         unseen = brakes.unseen(drive, self._traction.knows_brakes, held["accel_x"].age < _STALE)
-        direction = signed_direction(held["gear_ratio"].value)
         turning = jnp.stack([sample[f"wheel_speed_{w}"] for w in WHEELS])
         seen = jnp.isfinite(turning)
         turning = jnp.where(seen, turning, 0.0)  # a NaN would spoil the derivative by any factor of it
-        turning = jnp.where(turning < 0, turning, direction * turning)
+        turning = signed(turning, signed_direction(held["gear_ratio"].value))
         jump = torque - braking - smooth[:4] + smooth[4:]
         noise = self._torque_noise(drive, jump, unseen.may_act, speed)
         step = span(jnp.stack([state.held[n].age for n in FELT[:2]]), dt, _STALE)

@@ -113,6 +113,11 @@ def signed_direction(gear_ratio: Float[Array, ""]) -> Float[Array, ""]:
     return jnp.where(gear_ratio < 0, -1.0, 1.0)
 
 
+def signed(speed: Float[Array, ...], direction: Float[Array, ""]) -> Float[Array, ...]:
+    """A speed with the sign of the motion: that of ``direction`` where it has none of its own."""
+    return jnp.where(speed < 0, speed, direction * speed)
+
+
 def way(speed: Float[Array, ""]) -> Float[Array, ""]:
     """−1 where the car backs up, m/s, else 1 (also where it stands): whither brakes do not push it."""
     return jnp.where(speed < -STANDSTILL_SPEED, -1.0, 1.0)
@@ -197,8 +202,7 @@ class SpeedMeter(eqx.Module):
         """
         if not self._axles:
             seen, speed = _split(sample["speed"])
-            signed = jnp.where(speed < 0, speed, direction * speed)
-            speeds = jnp.where(seen, signed, jnp.nan)[None]
+            speeds = jnp.where(seen, signed(speed, direction), jnp.nan)[None]
         else:
             rows = []
             for axle in self._axles:
@@ -208,9 +212,9 @@ class SpeedMeter(eqx.Module):
                     if f"wheel_speed_{wheel}" in self.channels:
                         seen, turning = _split(sample[f"wheel_speed_{wheel}"])
                         rolling = self._radius * turning * along
-                        signed = jnp.where(rolling < 0, rolling, direction * rolling)
+                        moves = signed(rolling, direction) + side * yaw_rate * self._half_track[axle]
                         here.append(seen)
-                        sides.append(jnp.where(seen, signed + side * yaw_rate * self._half_track[axle], 0))
+                        sides.append(jnp.where(seen, moves, 0))
                 count = sum(here, jnp.zeros((), jnp.int32))
                 mean = sum(sides, jnp.zeros(())) / jnp.maximum(count, 1)
                 rows.append(jnp.where(count > 0, mean, jnp.nan))

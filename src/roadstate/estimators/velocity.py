@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 from roadstate.core.constants import GRAVITY
 from roadstate.core.gaussian import Gaussian
 from roadstate.estimators.base import Sample, leaf
-from roadstate.estimators.signals import Held, SpeedMeter, signed_direction, span
+from roadstate.estimators.signals import Held, SpeedMeter, signed, signed_direction, span
 from roadstate.filters import KF, FilterState, GateRule
 from roadstate.linalg import root, rss
 from roadstate.statespace import StateSpaceModel
@@ -191,13 +191,12 @@ class VelocityObserver(eqx.Module):
         """
         gear = state.gear_ratio.take(sample.get("gear_ratio", jnp.full((), jnp.nan)), dt)
         before = state.filter.gaussian.mean
-        turned = signed_direction(gear.value)
-        told = [jnp.where(sample[c] > 0, turned, 1.0) * sample[c] for c in self._given if c == "speed"]
-        told += [sample[c] for c in self._given if c != "speed"]
+        direction = signed_direction(gear.value)
+        told = [signed(sample[c], direction) if c == "speed" else sample[c] for c in self._given]
         stds = list(self._noise)
         step = jnp.maximum(dt, _LEAST_STEP)
         if self._meter is not None:
-            speeds, spread = self._meter.read(sample, motion.yaw_rate, motion.steer, turned)
+            speeds, spread = self._meter.read(sample, motion.yaw_rate, motion.steer, direction)
             pull = before[0] * motion.accel_x / GRAVITY
             slip = jnp.abs(pull) * jnp.where(pull < 0, self._slip[1], self._slip[0])
             away = jnp.abs(jnp.where(jnp.isfinite(speeds), speeds - before[0] - motion.accel_x * dt, 0.0))
