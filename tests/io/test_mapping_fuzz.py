@@ -228,6 +228,11 @@ contents = st.fixed_dictionaries(
 
 
 @given(contents, st.dictionaries(names, signals(), max_size=5), st.sampled_from([None, 0.3, 0.0, np.nan]))
+@example(
+    {"channels": {"yaw_rate": {"from": ["a"]}}, "time": {"repair": "drop"}},
+    {"a": Signal(np.array([np.inf, np.inf]), np.zeros(2), None, "f")},
+    None,
+)
 @settings(max_examples=500, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @pytest.mark.filterwarnings("error")
 def test_applying_ends_in_si_channels_or_one_line(

@@ -215,7 +215,7 @@ class _Application:
             return keep
         self.dropped[key] = int((~keep).sum())
         is_repeat = np.zeros(len(time), bool)
-        is_repeat[1:] = np.diff(time) == 0
+        is_repeat[1:] = time[1:] == time[:-1]
         count = int((~keep & np.isfinite(time) & ~is_repeat).sum())
         if count > max(_MOST_OUT_OF_ORDER * len(time), _FEW):
             raise InputError(
