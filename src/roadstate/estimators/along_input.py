@@ -25,12 +25,11 @@ from roadstate.estimators.intake import (
     WHEEL_SPEEDS,
     YAW_RATE,
     Signals,
-    SignalState,
 )
 from roadstate.estimators.noise_learning import NoiseLearner, Unrest
 from roadstate.estimators.pitch import Pitching, lean_std
 from roadstate.estimators.shortfall import Shortfall
-from roadstate.estimators.signals import NEVER, span, way
+from roadstate.estimators.signals import NEVER, signed, span, way
 from roadstate.estimators.tire_contact import ANY, ContactState, TireContact
 from roadstate.estimators.traction import UNKNOWN
 from roadstate.linalg import root, rss
@@ -141,24 +140,25 @@ class AlongIntake(eqx.Module):
     def read(
         self,
         state: JointState,
-        held: SignalState,
         seen: Signals,
         forces: AxleForces,
         sample: Sample,
         velocity_y: Array,
         dt: Array,
         sign: Array,
+        direction: Array,
     ) -> tuple[ContactState, AlongInput, Float[Array, " m"]]:
         """Input and measurement of the filter.
 
         Args:
             state: of the whole, before this sample.
-            held, seen: signals of this instant.
+            seen: signals of this instant.
             forces: of this instant.
             sample: the channels, of which satellites' and the pitch rate are read.
             velocity_y: m/s.
             dt: s.
             sign: by which the last sample of the longitudinal accelerometer is to be multiplied.
+            direction: what an unsigned speed is to be multiplied by; NaN where that is not known.
         """
         x, spread = state.along.gaussian.mean, state.along.gaussian.std[SPEED]
         speed = x[SPEED]
@@ -214,8 +214,7 @@ class AlongIntake(eqx.Module):
             if name in self.sensors:
                 value, std = sample[name], self.sensor_std[self.sensors.index(name)]
                 if name == "speed":
-                    backward = (held.gear < 0) & (value > 0)
-                    value = jnp.where(backward, -value, value)
+                    value = signed(value, direction)
                     if self.over_ground:
                         is_told = jnp.isfinite(value)
                         level = root(1 - jnp.clip(x[SLOPE] / GRAVITY, -0.5, 0.5) ** 2)

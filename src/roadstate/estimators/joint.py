@@ -21,6 +21,7 @@ from roadstate.estimators.astray import is_astray
 from roadstate.estimators.axle_forces import AxleForces
 from roadstate.estimators.base import Estimate, Estimator, Need, Sample, Smoothable, known_only, leaf
 from roadstate.estimators.contact_forces import ForceMeter, ForceMeterState
+from roadstate.estimators.direction import Direction, DirectionState
 from roadstate.estimators.friction_bank import BankState, FrictionBank
 from roadstate.estimators.intake import (
     ACCEL_X,
@@ -72,7 +73,7 @@ class JointState(NamedTuple):
     """State of :class:`Joint`.
 
     Attributes:
-        watch, signals, trust, forces, along, contact, bank, pitch, unrest, shortfall: the parts'.
+        watch, signals, direction, trust, forces, along, contact, bank, pitch, unrest, shortfall: the parts'.
         speed_age: s since anything told the speed.
         against: samples of the speed signal, in a row, that the wheels confirm and the filter contradicts;
             or how many of them wheels that roll freely are worth.
@@ -86,6 +87,7 @@ class JointState(NamedTuple):
 
     watch: WatchState
     signals: SignalState
+    direction: DirectionState
     trust: PlausibilityState
     forces: ForceMeterState
     along: FilterState
@@ -125,7 +127,7 @@ class Joint(Estimator[JointState]):
     without torques or altitude, a bias of the accelerometer from a slope.
 
     Attributes:
-        watch, signals, trust, forces, along, filter, bank, pitch, inputs: the parts.
+        watch, signals, direction, trust, forces, along, filter, bank, pitch, inputs: the parts.
         knows_sides: whether there are a lateral acceleration and a yaw rate.
         speed_scale: 1σ of the speed's scale.
         mass_std: 1σ of the mass, as a share, before anything is learnt.
@@ -150,6 +152,7 @@ class Joint(Estimator[JointState]):
     sensors: tuple[str, ...] = eqx.field(static=True)
     watch: Watch
     signals: Intake
+    direction: Direction
     trust: Plausibility
     forces: ForceMeter
     along: AlongModel
@@ -180,6 +183,7 @@ class Joint(Estimator[JointState]):
             sensors=model.sensors,
             watch=Watch(channels),
             signals=signals,
+            direction=Direction(vehicle, signals.channels),
             trust=Plausibility(vehicle, available),
             forces=forces,
             along=model,
@@ -198,6 +202,7 @@ class Joint(Estimator[JointState]):
         return JointState(
             watch=self.watch.init(),
             signals=self.signals.init(),
+            direction=self.direction.init(),
             trust=self.trust.init(),
             forces=self.forces.init(),
             along=self.filter.init(self.along),
@@ -219,7 +224,11 @@ class Joint(Estimator[JointState]):
         """Signals, forces, motion along the road, then what goes on across it."""
         x, (across, across_std) = state.along.gaussian.mean, self.bank.merged(state.bank)
         held, raw = self.signals.read(state.signals, sample, x[SPEED], dt)
-        raw, verdict = once((raw, self.trust.verdict(state.trust)))
+        verdict = self.trust.verdict(state.trust)
+        direction, raw, way = self.direction.turn(
+            state.direction, raw, sample, held.gear, state.along.gaussian, verdict.sign(ACCEL_X), dt
+        )
+        raw, verdict, way = once((raw, verdict, way))
         seen = once(self.trust.mend(state.trust, verdict, raw, x[SPEED]))
         bias = x[BIAS] + x[SCALE] * state.latest.lean.lasting
         error = jnp.stack([bias, jnp.zeros_like(bias)])
@@ -228,7 +237,7 @@ class Joint(Estimator[JointState]):
         meter, balance = self.forces.read(state.forces, sample, seen, moving, error, x[SLOPE], dt)
         forces = balance._replace(age=jnp.where(verdict.lies[TORQUE], NEVER, balance.age))
         contact, u, z = self.inputs.read(
-            state, held, seen, forces, sample, across[V_Y], dt, verdict.sign(ACCEL_X)
+            state, seen, forces, sample, across[V_Y], dt, verdict.sign(ACCEL_X), way
         )
         signal = z[self.sensors.index("speed")] if "speed" in self.sensors else jnp.full((), jnp.nan)
         is_signal = np.array([s == "speed" for s in self.sensors])
@@ -267,7 +276,8 @@ class Joint(Estimator[JointState]):
         trust, now = once((trust, self.trust.verdict(trust)))
         found = (now.lies & (~verdict.lies)) | (now.swapped != verdict.swapped)
         # the car was taken to go backward as its wheels told
-        turned = jnp.any((held.sense < 0) & (state.signals.sense == 0)) & (rolls * speed < 0)
+        turned = jnp.any((held.sense < 0) & (state.signals.sense == 0))
+        turned = (turned | direction.is_refuted(state.direction)) & (rolls * speed < 0)
         trust = once(select(turned, self.trust.init(), trust))
         caught = jnp.any(found) | turned
         rolls = jnp.where(jnp.any(seen.is_fresh[SPIN]), contact.rolling, speed)
@@ -293,6 +303,7 @@ class Joint(Estimator[JointState]):
         new = JointState(
             watch,
             held,
+            direction,
             trust,
             meter,
             along,
