@@ -37,6 +37,7 @@ _LENGTH = 2500.0  # m, more than any of the drives takes
 _KNOTS = 20.0  # m between places where grade and bank are drawn
 _GRADE, _BANK = (0.02, 0.08), (0.01, 0.03)  # rad: 1σ of a road's, drawn between
 _GRADE_LENGTH = (80.0, 320.0)  # m
+_BANKED = (0.08, 24.0)  # bends bank inward by at most that, and that over their radius in m; none by all
 _DRY, _ANY = (0.75, 1.05), (0.1, 0.75)  # friction of dry roads, and of others
 _PIECE, _PIECES = 400.0, 12  # m of a road of one friction, on average; and how many there are
 _CLASSES = ("A", "A", "B", "B", "B", "C")
@@ -116,13 +117,17 @@ def _frictions(rng: np.random.Generator) -> tuple[list[float], list[float]]:
 
 def _road(rng: np.random.Generator, sharpest: float, friction: FrictionMap) -> Road:
     bends: list[Bend] = [Bend(60.0)]
+    banked = [0.0, 0.0]  # where each section begins, and where the last one ends
     while (left := _LENGTH - sum(b.length for b in bends)) > 0:
         radius = sharpest * float(np.exp(rng.uniform(0.0, 1.5)))
         ramp, curvature = 0.5 * radius, rng.choice([-1.0, 1.0]) / radius
         arc, rest = radius * rng.uniform(0.3, 1.2), rng.uniform(20.0, 200.0)
         if left < 2 * ramp + arc + rest:
             bends.append(Bend(left))
+            banked.append(0.0)
         else:
+            inward = -np.sign(curvature) * rng.uniform() * min(_BANKED[0], _BANKED[1] / radius)
+            banked += [inward, inward, 0.0, 0.0]
             bends += [
                 Bend(ramp, 0.0, curvature),
                 Bend(arc, curvature),
@@ -133,10 +138,12 @@ def _road(rng: np.random.Generator, sharpest: float, friction: FrictionMap) -> R
     length = float(np.exp(rng.uniform(*np.log(_GRADE_LENGTH))))
     grade = _along(rng, np.exp(rng.uniform(*np.log(_GRADE))), length, len(places))
     bank = _along(rng, np.exp(rng.uniform(*np.log(_BANK))), BANK_LENGTH, len(places))
+    sections = np.cumsum([0.0, *(b.length for b in bends)])
+    bank += np.interp(places, sections, banked)
     return make_road(
         bends,
         height=GradeProfile.in_plan(places, np.clip(grade, -0.2, 0.2)).over_plan,
-        bank=half_cosine(places, np.tan(np.clip(bank, -0.1, 0.1))),
+        bank=half_cosine(places, np.tan(np.clip(bank, -0.12, 0.12))),
         friction=friction,
         surface=rough_surface(str(rng.choice(_CLASSES)), int(rng.integers(1 << 30)), 500.0),
     )
