@@ -44,6 +44,7 @@ _SURE = 3.0  # σ of what tells the same, from which on a deviation can be told
 REDUNDANCY: dict[str, tuple[str, float]] = {
     "accel_x": ("torques; wheels, but for the slope", 0.45),
     "accel_y": ("v r, but for the bank", 0.8),
+    "roll_rate": ("what a bank does to a_y, but for sideslip", 0.05),
     "yaw_rate": ("wheels' differences, a_y/v, steering", 0.07),
     "wheel_speed_fl": ("the other wheels, but for slip", 1.5),
     "wheel_speed_rr": ("the other wheels, but for slip", 1.5),

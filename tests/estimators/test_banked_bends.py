@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from benchmarks.accuracy.run import without
 from benchmarks.accuracy.scenarios import Scenario, on_plant
 
+from roadstate.core import Log
 from roadstate.estimators import build
 from roadstate.run import scan
 from roadstate.sim.manoeuvres import Manoeuvre, Script
@@ -39,7 +41,8 @@ def prepared(vehicle: Vehicle) -> Manoeuvre:
 def test_a_dry_road_that_banks_is_no_slippery_one() -> None:
     """What the bank takes of the lateral acceleration could pass for a slide of saturated tires."""
     log, car = on_plant("family-car", Scenario("banked", "banked bends", prepared), 1)[0]
-    values = scan(build("joint", car, log.available), log).values
+    joint = build("joint", car, log.available)
+    values = scan(joint, log).values
     late = log.time > 2
     assert np.ptp(log["ref_bank"]) > 1.9 * BANK
     assert np.nanmax(values["friction_used"]) < 0.35
@@ -47,3 +50,17 @@ def test_a_dry_road_that_banks_is_no_slippery_one() -> None:
     assert (values["friction_peak_lower"] < FRICTION).all()
     assert np.sqrt(np.mean((values["velocity_y"] - log["ref_velocity_y"])[late] ** 2)) < 0.08
     assert np.sqrt(np.mean((values["bank"] - log["ref_bank"])[late] ** 2)) < 0.02
+    # the roll rate tells how the bank changes
+    assert (values["friction_peak"] > 0.5).all()
+    turned = scan(joint, Log(log.time, {**log.channels, "roll_rate": -log["roll_rate"]}))
+    assert any(fault["fault"].startswith("roll_rate: refused") for fault in turned.metadata["faults"])
+    assert (turned.values["friction_peak_upper"][late] > FRICTION).mean() > 0.95
+
+
+@pytest.mark.usefixtures("optimised")
+def test_without_a_roll_rate_the_bounds_still_hold() -> None:
+    log, car = on_plant("family-car", Scenario("banked", "banked bends", prepared), 1)[0]
+    log = without(log, ("roll_rate",))
+    values = scan(build("joint", car, log.available), log).values
+    assert (values["friction_peak_upper"][log.time > 2] > FRICTION).all()
+    assert (values["friction_peak_lower"] < FRICTION).all()

@@ -5,13 +5,13 @@ from __future__ import annotations
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from tests.estimators.body_rates import body_rates
 
 from contracts.plausible import GRADE, plausible_log
 from roadstate.core import Log, Validity
 from roadstate.estimators import build
 from roadstate.estimators.pitch import PitchMeter, PitchState, lean_std
 from roadstate.run import scan
-from roadstate.sim.plant.vectors import rotation
 from roadstate.vehicles import Vehicle, load_vehicle
 
 NAN, DT = np.nan, 0.01
@@ -37,17 +37,6 @@ def read(
     sample = {"pitch_rate": jnp.asarray(rate)}
     state, told = meter.read(state, sample, jnp.asarray(turning), jnp.asarray(across), tilt, jnp.asarray(DT))
     return state, float(told.rate), float(told.intensity)
-
-
-def body_rates(yaw: float, pitch: float, roll: float, rates: tuple[float, float, float]) -> np.ndarray:
-    """Roll, pitch and yaw rate about the body's axes, from the change of its rotation matrix."""
-    step = 1e-6
-    ahead, behind = (
-        np.asarray(rotation(jnp.asarray(np.array([yaw, pitch, roll]) + side * step * np.array(rates))))
-        for side in (0.5, -0.5)
-    )
-    spin = ((ahead + behind) / 2).T @ (ahead - behind) / step
-    return np.array([spin[2, 1], spin[0, 2], spin[1, 0]])
 
 
 @pytest.mark.parametrize("turning", [-0.3, 0.0, 0.3])

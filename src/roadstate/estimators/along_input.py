@@ -236,7 +236,7 @@ class AlongIntake(eqx.Module):
         u = u._replace(intensity=rss(u.intensity, between))
         if "attitude" in self.sensors:
             parts.append(jnp.zeros(1))  # where a pitch rate comes that is believed
-            stds.append(lean_std(state.pitch, _since(state.pitch.rate.age, dt))[None])
+            stds.append(lean_std(state.pitch, _since(state.pitch.gyro.rate.age, dt))[None])
         z, std = once((jnp.concatenate(parts), jnp.concatenate(stds)))
         last = len(self.learned)
         # what parts torques and accelerometer lasts for minutes, too: that is no white noise of the torques

@@ -36,14 +36,15 @@ from roadstate.estimators.intake import (
     SignalState,
     sensor_fault_names,
 )
-from roadstate.estimators.joint_output import told
+from roadstate.estimators.joint_output import told, validity_of
 from roadstate.estimators.noise_learning import Unrest
 from roadstate.estimators.pitch import PitchMeter, PitchState
 from roadstate.estimators.plausibility import TORQUE, Plausibility, PlausibilityState
 from roadstate.estimators.redundancy import GROUP, YAW
+from roadstate.estimators.roll import RollMeter, RollState
 from roadstate.estimators.shortfall import Shortfall
 from roadstate.estimators.sideways import BANK, V_Y
-from roadstate.estimators.signals import NEVER, STANDSTILL_SPEED
+from roadstate.estimators.signals import NEVER
 from roadstate.estimators.tire_contact import ContactState
 from roadstate.estimators.watch import Watch, WatchState
 from roadstate.filters import KF, FilterState, GateRule
@@ -53,10 +54,9 @@ from roadstate.linalg import root, rss
 if TYPE_CHECKING:
     from roadstate.vehicles import Vehicle
 
-_SILENT = 3.0  # s without a channel after which the estimate is called a prediction
 _FAULTY = 0.3  # s of a refused or stuck sensor after which it is called faulty
-_SURE = 0.6  # ratio of the 5 % to the 95 % bound from which on friction counts as known
 _BOUNDS = (0.05, 0.95)
+_TURNS = ("pitch_rate", "roll_rate")
 _LEAST_STEP = 1e-3  # s
 _AFRESH = 0.4  # s until what is slowed has forgotten a sensor that lied
 _LATE_TIME = 0.5  # s: how long an error of a late signal lasts
@@ -73,13 +73,14 @@ class JointState(NamedTuple):
     """State of :class:`Joint`.
 
     Attributes:
-        watch, signals, direction, trust, forces, along, contact, bank, pitch, unrest, shortfall: the parts'.
+        watch, signals, direction, trust, forces, along, contact, bank, pitch, roll, unrest,
+            shortfall: the parts'.
         speed_age: s since anything told the speed.
         against: samples of the speed signal, in a row, that the wheels confirm and the filter contradicts;
             or how many of them wheels that roll freely are worth.
         doubt: s for which nothing is learnt of friction yet, since a sensor was caught.
-        fault_age: (8 + m,) s for which each inertial, steering and wheel signal has been refused or stuck,
-            and each of the filter's sensors refused.
+        fault_age: (13 + m,) s for which each inertial, steering and wheel signal has been refused or stuck,
+            each wheel turned round, and each of the filter's sensors and the roll rate refused.
         latest: what the forces were, for :meth:`Joint.estimate`.
         friction: (3, 5) of each view's friction: the 5 % quantile, the likeliest, the 95 % quantile.
         validity: code.
@@ -94,6 +95,7 @@ class JointState(NamedTuple):
     contact: ContactState
     bank: BankState
     pitch: PitchState
+    roll: RollState
     unrest: Unrest
     shortfall: Shortfall
     speed_age: Float[Array, ""]
@@ -120,14 +122,16 @@ class Joint(Estimator[JointState]):
 
     Which states there are follows from the channels. Needs an accelerometer and a speed (of wheels, or a
     speed signal); with yaw rate, lateral acceleration and steering, the lateral forces and friction; with
-    torques, the mass and an accelerometer's bias; with altitude or rate of climb, the grade free of bias.
+    torques, the mass and an accelerometer's bias; with altitude or rate of climb, the grade free of bias;
+    with a roll rate, a bank apart from a slide.
 
     What it cannot know: how an axle's lateral force is shared by its wheels; friction that is not used: then
     the lower bound is what has been used, the upper one the prior's, and validity says ``low_excitation``;
     without torques or altitude, a bias of the accelerometer from a slope.
 
     Attributes:
-        watch, signals, direction, trust, forces, along, filter, bank, pitch, inputs: the parts.
+        watch, signals, direction, trust, forces, along, filter, bank, pitch, roll, inputs: the
+            parts.
         knows_sides: whether there are a lateral acceleration and a yaw rate.
         speed_scale: 1σ of the speed's scale.
         mass_std: 1σ of the mass, as a share, before anything is learnt.
@@ -141,7 +145,7 @@ class Joint(Estimator[JointState]):
     )
     optional: ClassVar[tuple[str, ...]] = (
         *("accel_y", "yaw_rate", "steer", "steering_wheel", "speed", *WHEEL_SPEEDS),
-        *("altitude", "vertical_speed", "pitch_rate", "gear_ratio", "engine_torque", "engine_speed", "brake"),
+        *("altitude", "vertical_speed", *_TURNS, "gear_ratio", "engine_torque", "engine_speed", "brake"),
         *(f"{kind}_{w}" for kind in ("drive_torque", "brake_torque", "brake_pressure") for w in WHEELS),
     )
     smoothable: ClassVar[Smoothable | None] = Smoothable(
@@ -159,6 +163,7 @@ class Joint(Estimator[JointState]):
     filter: KF
     bank: FrictionBank
     pitch: PitchMeter
+    roll: RollMeter
     inputs: AlongIntake
     knows_sides: bool = eqx.field(static=True)
     speed_scale: Float[Array, ""]
@@ -176,7 +181,7 @@ class Joint(Estimator[JointState]):
         known_only(options, ())
         signals, forces = Intake(vehicle, available), ForceMeter(vehicle, available)
         model = AlongModel(vehicle, available, torque_of=forces.torque_of)
-        aids = tuple(c for c in ("speed", "altitude", "vertical_speed", "pitch_rate") if c in available)
+        aids = tuple(c for c in ("speed", "altitude", "vertical_speed", *_TURNS) if c in available)
         channels = tuple(dict.fromkeys((*signals.channels, *forces.channels, *aids)))
         return cls(
             channels=channels,
@@ -188,8 +193,9 @@ class Joint(Estimator[JointState]):
             forces=forces,
             along=model,
             filter=KF(gate=GateRule(patience=_PATIENCE)),
-            bank=FrictionBank(vehicle),
+            bank=FrictionBank(vehicle, reads_roll="roll_rate" in available),
             pitch=PitchMeter(vehicle),
+            roll=RollMeter(vehicle),
             inputs=AlongIntake(vehicle, model.sensors, available, knows_brakes=forces.knows_brakes),
             knows_sides=signals.has[ACCEL_Y] and signals.has[YAW_RATE],
             speed_scale=leaf(0.0 if "speed" in available else vehicle.sensors.wheel_speed.scale),
@@ -209,12 +215,13 @@ class Joint(Estimator[JointState]):
             contact=self.inputs.contact.init(),
             bank=self.bank.init(),
             pitch=self.pitch.init(),
+            roll=self.roll.init(),
             unrest=self.inputs.start(),
             shortfall=Shortfall.none(),
             speed_age=zero + NEVER,
             against=zero,
             doubt=zero,
-            fault_age=jnp.zeros(len(ROWS) + len(WHEEL_SPEEDS) + len(self.sensors)),
+            fault_age=jnp.zeros(len(ROWS) + len(WHEEL_SPEEDS) + len(self.sensors) + 1),
             latest=self.forces.nothing(),
             friction=self._friction(self.bank.init()),
             validity=jnp.asarray(int(Validity.SENSOR_MISSING)),
@@ -252,7 +259,7 @@ class Joint(Estimator[JointState]):
             pitch, pitching = self.pitch.read(pitch, sample, u.turning, u.smooth_across, tilt, dt)
             u = u._replace(pitching=pitching)
             is_attitude = np.array([s == "attitude" for s in self.sensors])
-            z = jnp.where(is_attitude & (pitch.rate.age > 0), jnp.nan, z)
+            z = jnp.where(is_attitude & (pitch.gyro.rate.age > 0), jnp.nan, z)
         along, info = self.filter.step(self.along, state.along, u, z, dt)
         tells = np.array([s == "speed" or s in WHEEL_SPEEDS for s in self.sensors])
         if "attitude" in self.sensors:
@@ -268,7 +275,13 @@ class Joint(Estimator[JointState]):
         rolling = self.along.rolling(along.gaussian, jnp.maximum(jnp.abs(speed), 1.0))
         gain = self.along.speeds_up(along.gaussian.mean, u)
         since = jnp.where(state.speed_age < NEVER, dt, NEVER)
-        contact, touch = self.inputs.contact.touch(contact, seen, forces, speed, rolling, gain, since)
+        roll, banking = state.roll, jnp.asarray([0.0, jnp.inf])
+        if "roll_rate" in self.channels:
+            sine = along.gaussian.mean[SLOPE] / GRAVITY
+            roll, banking = self.roll.read(roll, sample, seen, sine, speed, dt)
+        contact, touch = self.inputs.contact.touch(
+            contact, seen, forces, speed, rolling, gain, GRAVITY * banking, since
+        )
         late = self.watch.lateness(watch, WHEEL_SPEEDS) * gain / jnp.maximum(jnp.abs(speed), 1.0)
         touch = touch._replace(slip_shared=rss(touch.slip_shared, jnp.max(jnp.abs(late))))
         bank, likelihood = once(self.bank.step(state.bank, touch, dt))
@@ -297,7 +310,7 @@ class Joint(Estimator[JointState]):
         refused = along.rejected > 0
         if "attitude" in self.sensors:
             refused = refused.at[self.sensors.index("attitude")].max(self.pitch.is_faulty(pitch))
-        faulty = jnp.concatenate([raw.is_faulty, held.sense < 0, refused])
+        faulty = jnp.concatenate([raw.is_faulty, held.sense < 0, refused, self.roll.is_faulty(roll)[None]])
         fault_age = jnp.where(faulty, state.fault_age + dt, 0.0)
         friction = once(self._friction(bank))
         new = JointState(
@@ -310,6 +323,7 @@ class Joint(Estimator[JointState]):
             contact,
             bank,
             pitch,
+            roll,
             unrest,
             shortfall,
             speed_age,
@@ -320,7 +334,7 @@ class Joint(Estimator[JointState]):
             friction,
             state.validity,
         )
-        validity = self._validity(new, info)
+        validity = validity_of(self, new, self._faults(new), info.ok)
         info = eqx.tree_at(lambda i: i.log_likelihood, info, info.log_likelihood + likelihood)
         return new._replace(validity=validity), info
 
@@ -365,25 +379,6 @@ class Joint(Estimator[JointState]):
         low, high = self.bank.quantiles(bank, _BOUNDS)
         return jnp.stack([low, jnp.clip(self.bank.likeliest(bank), low, high), high])
 
-    def _validity(self, state: JointState, info: Info) -> Int[Array, ""]:
-        used = jnp.asarray([self.signals.has[i] for i in range(8)])
-        oldest = jnp.max(jnp.where(used & (jnp.arange(8) < SPIN.start), state.signals.age, 0.0))
-        low, _, high = state.friction
-        sure = low[0] > _SURE * high[0]
-        validity = jnp.where(sure, int(Validity.EXCITED), int(Validity.LOW_EXCITATION))
-        validity = jnp.where(state.latest.is_shifting & ~sure, int(Validity.GEAR_SHIFT), validity)
-        validity = jnp.where(state.latest.is_brake_unknown & ~sure, int(Validity.BRAKING), validity)
-        stands = jnp.abs(state.along.gaussian.mean[SPEED]) < STANDSTILL_SPEED
-        validity = jnp.where(stands, int(Validity.STANDSTILL), validity)
-        faults = self._faults(state)
-        validity = jnp.where(jnp.any(faults), int(Validity.SENSOR_FAULT), validity)
-        if "attitude" in self.sensors:
-            oldest = jnp.maximum(oldest, state.pitch.rate.age)
-        silent = jnp.maximum(oldest, state.speed_age) > _SILENT
-        silent = silent | jnp.any(faults[: len(self.channels)])
-        validity = jnp.where(silent, int(Validity.SENSOR_MISSING), validity)
-        return jnp.where(info.ok, validity, int(Validity.DIVERGED))
-
     def estimate(self, state: JointState) -> Estimate:
         """Everything, with standard deviations; friction with its 5 % and 95 % bounds."""
         return told(self, state, self._faults(state))
@@ -391,7 +386,7 @@ class Joint(Estimator[JointState]):
     @property
     def fault_names(self) -> tuple[str, ...]:
         """As :attr:`Estimator.fault_names`."""
-        own = sensor_fault_names(self.signals.named, self.sensors)
+        own = sensor_fault_names(self.signals.named, (*self.sensors, "roll_rate"))
         return (*self.watch.fault_names, *own, *self.trust.fault_names(self.signals.named))
 
     def _faults(self, state: JointState) -> Bool[Array, " f"]:

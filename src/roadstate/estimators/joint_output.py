@@ -6,16 +6,17 @@ from typing import TYPE_CHECKING
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool
+from jaxtyping import Array, Bool, Int
 
 from roadstate.core.constants import GRAVITY
+from roadstate.core.estimates import Validity
 from roadstate.core.numerics import in_default
 from roadstate.estimators.along import BIAS, SCALE, SLOPE, SPEED
 from roadstate.estimators.axle_forces import AxleForces, by_axle
 from roadstate.estimators.base import Estimate
 from roadstate.estimators.contact_forces import NOISY
 from roadstate.estimators.friction_bank import VIEWS
-from roadstate.estimators.intake import ACCEL_X, ACCEL_Y, SMOOTHING, STALE, YAW_RATE
+from roadstate.estimators.intake import ACCEL_X, ACCEL_Y, SMOOTHING, SPIN, STALE, YAW_RATE
 from roadstate.estimators.sideways import BANK, BIAS_Y, LEVER, SLOWEST, V_Y
 from roadstate.estimators.signals import STANDSTILL_SPEED
 from roadstate.linalg import root, rss
@@ -23,6 +24,8 @@ from roadstate.linalg import root, rss
 if TYPE_CHECKING:
     from roadstate.estimators.joint import Joint, JointState
 
+_SILENT = 3.0  # s without a channel after which the estimate is called a prediction
+_SURE = 0.6  # ratio of the 5 % to the 95 % bound from which on friction counts as known
 _ROUGH = (0.003, 0.01)  # 1σ of an axle's force along and across, as a share of its load
 _CG_ERROR = 0.015  # of the wheelbase: 1σ of where the centre of gravity is along it
 _SHARED = 0.03  # 1σ of how forces along are shared by the axles, whose torques err each by itself
@@ -39,6 +42,35 @@ _SHAKEN = (0.7, 1.8)
 _UNEVEN = 0.084
 _DRIFTS = 0.02  # 1σ of v̇_y over g
 _PARKED = 0.06  # of the load: with what brakes hold the axles of a car that stands against each other
+
+
+def validity_of(
+    joint: Joint, state: JointState, faults: Bool[Array, " f"], ok: Bool[Array, ""]
+) -> Int[Array, ""]:
+    """Code of what the state can be relied on for.
+
+    Args:
+        joint: the estimator.
+        state: its state.
+        faults: which of the estimator's ``fault_names`` are there.
+        ok: whether the filter's step was sound.
+    """
+    used = jnp.asarray([joint.signals.has[i] for i in range(8)])
+    oldest = jnp.max(jnp.where(used & (jnp.arange(8) < SPIN.start), state.signals.age, 0.0))
+    low, _, high = state.friction
+    sure = low[0] > _SURE * high[0]
+    validity = jnp.where(sure, int(Validity.EXCITED), int(Validity.LOW_EXCITATION))
+    validity = jnp.where(state.latest.is_shifting & ~sure, int(Validity.GEAR_SHIFT), validity)
+    validity = jnp.where(state.latest.is_brake_unknown & ~sure, int(Validity.BRAKING), validity)
+    stands = jnp.abs(state.along.gaussian.mean[SPEED]) < STANDSTILL_SPEED
+    validity = jnp.where(stands, int(Validity.STANDSTILL), validity)
+    validity = jnp.where(jnp.any(faults), int(Validity.SENSOR_FAULT), validity)
+    if "attitude" in joint.sensors:
+        oldest = jnp.maximum(oldest, state.pitch.gyro.rate.age)
+    silent = jnp.maximum(oldest, state.speed_age) > _SILENT
+    silent = silent | jnp.any(faults[: len(joint.channels)])
+    validity = jnp.where(silent, int(Validity.SENSOR_MISSING), validity)
+    return jnp.where(ok, validity, int(Validity.DIVERGED))
 
 
 def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate:

@@ -9,17 +9,12 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from roadstate.estimators.base import Sample, leaf
-from roadstate.estimators.intake import STALE
-from roadstate.estimators.signals import NEVER, Held
+from roadstate.estimators.gyroscope import Gyroscope
 from roadstate.linalg import root, rss
 
 if TYPE_CHECKING:
     from roadstate.vehicles import Vehicle
 
-_STUCK = 40  # equal samples in a row after which the gyroscope counts as missing
-_LARGEST = 4.0  # rad/s that a body pitches by at most
-_LARGEST_JUMP = 0.3  # rad/s between samples; more is a spike
-_PATIENCE = 4  # samples in a row that a jump must last to be believed
 _UNSEEN = 0.05  # rad/s/√Hz: of a pitch rate that nothing tells
 _ROLL_ERROR = 0.004  # rad: 1σ of the body's roll beyond what bank and roll gradient say, for _ROLL_TIME
 _ROLL_TIME = 1.0  # s
@@ -37,7 +32,6 @@ _LEAN_TIME = 0.15  # s: how long that lasts
 _STEADY_TIME = 0.5  # s: low pass of the rate, besides which a body swings
 _SWING_TIME = 0.15  # s over which that adds up to an angle
 _UNREST_TIME = 2.0  # s over which that is averaged
-_USUAL_STEP = 0.01  # s: samples that come faster are no noisier, together
 _LEAST_STEP = 1e-3  # s
 
 
@@ -45,10 +39,7 @@ class PitchState(NamedTuple):
     """State of a :class:`PitchMeter`.
 
     Attributes:
-        rate: latest sample believed, rad/s, and its age.
-        refused: samples refused in a row.
-        repeats: equal samples in a row.
-        every: s from sample to sample.
+        gyro: what has come of the pitch rate.
         apart: low-passed difference of attitude and slope, rad.
         pull: low-passed innovation of the speeds over its 1σ.
         distrust: s for which the gyroscope is still not believed.
@@ -58,10 +49,7 @@ class PitchState(NamedTuple):
         heard: s of samples since the first, or since the last gap.
     """
 
-    rate: Held
-    refused: Float[Array, ""]
-    repeats: Float[Array, ""]
-    every: Float[Array, ""]
+    gyro: Gyroscope
     apart: Float[Array, ""]
     pull: Float[Array, ""]
     distrust: Float[Array, ""]
@@ -100,7 +88,7 @@ class PitchMeter(eqx.Module):
     def init(self) -> PitchState:
         """Nothing has come yet."""
         zero = jnp.zeros(())
-        return PitchState(Held.empty(), *[zero] * 10)
+        return PitchState(Gyroscope.silent(), *[zero] * 7)
 
     def read(
         self,
@@ -121,43 +109,32 @@ class PitchMeter(eqx.Module):
             bank: of the road and its 1σ, rad.
             dt: s.
         """
-        raw, before = sample["pitch_rate"], state.rate
-        seen = jnp.isfinite(raw) & (jnp.abs(raw) < _LARGEST)
-        jump = seen & (jnp.abs(raw - before.value) > _LARGEST_JUMP) & (before.age < STALE)
-        refuse = jump & (state.refused < _PATIENCE)
-        refused = jnp.where(refuse, state.refused + 1, jnp.where(seen, 0.0, state.refused))
-        rate = before.take(jnp.where(seen & ~refuse, raw, jnp.nan), dt)
-        same = seen & (raw == before.value)
-        repeats = jnp.where(same, state.repeats + 1, jnp.where(seen, 0.0, state.repeats))
-        since = jnp.where(before.age < STALE, before.age + dt, 0.0)
-        every = jnp.where(rate.age > 0, state.every, jnp.maximum(since, _USUAL_STEP))
-        # a sample after a gap does not tell how the body turned meanwhile
-        meanwhile = (before.age + dt < STALE) | (before.age >= NEVER)
-        known = (rate.age < STALE) & meanwhile & (repeats < _STUCK) & (state.distrust <= 0)
-        between = 0.5 * (rate.value + jnp.where(before.age < STALE, before.value, rate.value))
+        seen = jnp.isfinite(sample["pitch_rate"])
+        meanwhile = state.gyro.goes_on(dt)
+        gyro = state.gyro.take(sample["pitch_rate"], dt)
+        known = gyro.is_known() & meanwhile & (state.distrust <= 0)
+        between = gyro.between(state.gyro)
         roll = jnp.clip(bank[0] + self._roll_gradient * across, -0.5, 0.5)
         nose_up = (turning * jnp.sin(roll) - between) / jnp.cos(roll)
         unsure = jnp.abs(turning) * rss(bank[1], _ROLL_ERROR) * (2 * _ROLL_TIME) ** 0.5
         told = Pitching(
             rate=jnp.where(known, nose_up, 0.0),
-            intensity=jnp.where(known, rss(self._noise * root(every), unsure), _UNSEEN),
+            intensity=jnp.where(known, rss(self._noise * root(gyro.every), unsure), _UNSEEN),
         )
         lately = jnp.where(meanwhile, state.heard, 0.0)
         heard = jnp.where(meanwhile, lately + jnp.where(seen, dt, 0.0), 0.0)
         step = jnp.maximum(dt, _LEAST_STEP)
         share = step / (jnp.minimum(lately, _STEADY_TIME) + step)
-        steady = state.steady + share * (rate.value - state.steady)
-        swing = state.swing * jnp.exp(-dt / _SWING_TIME) + jnp.minimum(dt, _SWING_TIME) * (
-            rate.value - steady
-        )
+        steady = state.steady + share * (gyro.rate.value - state.steady)
+        besides = gyro.rate.value - steady
+        swing = state.swing * jnp.exp(-dt / _SWING_TIME) + jnp.minimum(dt, _SWING_TIME) * besides
         share = step / (jnp.minimum(lately, _UNREST_TIME) + step)
         unrest = state.unrest + share * (swing**2 - state.unrest)
-        new = state._replace(rate=rate, refused=refused, repeats=repeats, every=every)
-        return new._replace(steady=steady, swing=swing, unrest=unrest, heard=heard), told
+        return state._replace(gyro=gyro, steady=steady, swing=swing, unrest=unrest, heard=heard), told
 
     def is_faulty(self, state: PitchState) -> Bool[Array, ""]:
-        """Whether samples are refused or contradict the slope; one that repeats itself may be coarse only."""
-        return (state.distrust > 0) | (state.refused > 0)
+        """Whether samples are refused or contradict the slope."""
+        return (state.distrust > 0) | (state.gyro.refused > 0)
 
     def judge(
         self,

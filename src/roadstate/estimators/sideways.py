@@ -13,6 +13,7 @@ from jaxtyping import Array, Float
 from roadstate.core.constants import GRAVITY
 from roadstate.core.kernel import once
 from roadstate.estimators.base import leaf
+from roadstate.estimators.mixture import learn
 from roadstate.estimators.road import GradePrior
 
 if TYPE_CHECKING:
@@ -49,6 +50,7 @@ _LEAST_GIVE = 0.03  # 1σ of what the front suspension gives, over the axle's so
 _ACCEL = 0.01  # m/s²/√Hz: white error of what moves the car sideways, however good the accelerometer
 _BOTH_LAST = np.outer(_LASTS, _LASTS)
 _IS_V_Y = np.arange(SIZE) == V_Y
+_LEAST_STEP = 1e-3  # s
 
 
 class Touch(NamedTuple):
@@ -71,6 +73,8 @@ class Touch(NamedTuple):
         shaken: (2,) 1σ of the forces over load, along and across, by which tires bounce on a rough road.
         transfer: (2,) squared share of its load that a wheel of the axle gains or loses to the other.
         lag: s by which ``angle`` lags, and so v_y must.
+        banking: g times the rate of the road's bank, m/s³, and its white error, m/s³/√Hz, infinite where
+            no roll rate tells it.
     """
 
     speed: Float[Array, ""]
@@ -91,6 +95,7 @@ class Touch(NamedTuple):
     shaken: Float[Array, " 2"]
     transfer: Float[Array, " 2"]
     lag: Float[Array, ""]
+    banking: Float[Array, " 2"]
 
 
 class Sideways(eqx.Module):
@@ -103,8 +108,10 @@ class Sideways(eqx.Module):
         arm: (2,) of front and rear axle, ahead of the centre of gravity, m.
         road: how bank changes with distance.
         white: error of what moves the car sideways, m/s²/√Hz.
+        reads_roll: whether a roll rate may tell how the bank changes.
     """
 
+    reads_roll: bool = eqx.field(static=True)
     first: Float[Array, "n n"]
     give: Float[Array, " 2"]
     stiffness: Float[Array, " 2"]
@@ -112,7 +119,8 @@ class Sideways(eqx.Module):
     road: GradePrior
     white: Float[Array, ""]
 
-    def __init__(self, vehicle: Vehicle) -> None:
+    def __init__(self, vehicle: Vehicle, *, reads_roll: bool) -> None:
+        self.reads_roll = reads_roll
         prior, sensors = vehicle.prior, vehicle.sensors
         bank = GRAVITY * prior.bank_std
         rate = bank * 3**0.5 / BANK_LENGTH
@@ -137,7 +145,7 @@ class Sideways(eqx.Module):
     def moved(
         self, x: Float[Array, "n J"], P: Float[Array, "n n J"], touch: Touch, dt: Float[Array, ""]
     ) -> tuple[Float[Array, "n J"], Float[Array, "n n J"]]:
-        """Means and covariances of J hypotheses Δt later."""
+        """Means and covariances of J hypotheses Δt later, with what the roll rate tells of the bank."""
         bank, keep, remembered, shrink, noise, lever, turn = once(self._figures(touch, dt))
 
         def leading(a: Array) -> tuple[Array, Array, Array]:
@@ -155,10 +163,20 @@ class Sideways(eqx.Module):
         follows = -self.arm[1] * (touch.yaw_rate - x[BIAS_R])
         driven = across + dt * (touch.accel_y - touch.speed * touch.yaw_rate)
         first = jnp.stack([follows + remembered * (driven - follows), *banking])
-        return (
-            jnp.concatenate([first, keep[3:, None] * x[3:]]),
-            whole * shrink[:, :, None] + noise[:, :, None],
-        )
+        x = jnp.concatenate([first, keep[3:, None] * x[3:]])
+        P = whole * shrink[:, :, None] + noise[:, :, None]
+        return self._banked(x, P, touch, dt) if self.reads_roll else (x, P)
+
+    def _banked(self, x: Array, P: Array, touch: Touch, dt: Array) -> tuple[Array, Array]:
+        """With what the roll rate tells: φ̇ = v_x dφ/ds."""
+        rate, white = touch.banking
+        known = jnp.isfinite(white)
+        tells = jnp.where(known, touch.speed, 0.0)
+        row = jnp.stack([jnp.full_like(x[BANK_RATE], tells if i == BANK_RATE else 0.0) for i in range(SIZE)])
+        innovation = jnp.where(known, rate, 0.0) - tells * x[BANK_RATE]
+        noise = jnp.where(known, white, 1.0) ** 2
+        x, P, _ = learn(x, P, row, innovation, noise, 1 / jnp.maximum(dt, _LEAST_STEP))
+        return x, P
 
     def _figures(self, touch: Touch, dt: Array) -> tuple[Array, ...]:
         """The bank's transition, what is kept of states, v_y and covariance, noise, and what moves v_y."""

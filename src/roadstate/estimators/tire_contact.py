@@ -242,6 +242,7 @@ class TireContact(eqx.Module):
         speed: Array,
         rolling: tuple[Array, Array],
         accel: Array,
+        banking: Array,
         dt: Array,
     ) -> tuple[ContactState, Touch]:
         """How the tires touch the road.
@@ -253,6 +254,7 @@ class TireContact(eqx.Module):
             speed: m/s.
             rolling: by what share the rolling radius exceeds the file's, and 1σ of a slip of all wheels.
             accel: its rate, m/s².
+            banking: (2,) of the road, as :class:`~roadstate.estimators.sideways.Touch` has it.
             dt: s.
         """
         moving = jnp.maximum(jnp.abs(speed), 1.0)
@@ -307,6 +309,7 @@ class TireContact(eqx.Module):
             shaken=shaken,
             transfer=transfer,
             lag=lag + late[YAW_RATE],
+            banking=banking,
         )
         memory = state._replace(
             angle=angle,

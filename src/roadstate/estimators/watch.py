@@ -20,7 +20,7 @@ _ALARM = 0.5  # s for which a spike is told
 # by how much no channel changes from sample to sample, to be back at the next, if they are s apart at most
 _SPIKES = {
     "accel_?": (8.0, 0.03),
-    "yaw_rate": (0.4, 0.03),
+    "*_rate": (0.4, 0.03),
     "steer": (0.1, 0.03),
     "steering_wheel": (0.8, 0.03),
     "wheel_speed_*": (12.0, 0.03),

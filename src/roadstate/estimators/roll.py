@@ -1,0 +1,133 @@
+"""How the road's bank changes, from the rate about the body's longitudinal axis."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from roadstate.core.constants import GRAVITY
+from roadstate.estimators.base import Sample, leaf
+from roadstate.estimators.gyroscope import Gyroscope
+from roadstate.estimators.intake import ACCEL_Y, STALE, YAW_RATE, Signals
+from roadstate.linalg import root, rss
+
+if TYPE_CHECKING:
+    from roadstate.vehicles import Vehicle
+
+_GRADIENT_ERROR = 0.3  # 1σ of the roll gradient, as a share; and of how swiftly the body follows it
+_LEAN_TIME = 0.3  # s for which that errs alike
+_SWING_TIME = 0.15  # s for which the body swings to one side
+_SWIFTEST = 0.2  # rad/s: no faster does a road bank under a car
+_BIAS_TIME = 60.0  # s over which the rate averages out, but for the gyroscope's bias
+_BANKED = 0.08  # rad: 1σ of what a road's bank changes by altogether
+_STEADY_TIME = 0.5  # s: low pass of the rate, besides which a body swings
+_APART_TIME = 2.0  # s for which what the rate adds up to is compared with what a bank does to accel_y
+_APART = 0.08  # rad: so far apart they are only when the gyroscope fails
+_DISTRUST = 20.0  # s for which a gyroscope that failed is not believed
+_LEAST_STEP = 1e-3  # s
+_LEAST_BIAS = 1e-4  # rad/s
+
+
+class RollState(NamedTuple):
+    """State of a :class:`RollMeter`.
+
+    Attributes:
+        gyro: what has come of the roll rate.
+        bias: its mean, rad/s.
+        heard: s of samples, at most :data:`_BIAS_TIME`.
+        steady: low-passed rate, rad/s.
+        unrest: mean square of what the body swings besides, rad²/s².
+        tilt: what a bank would have to be to make the lateral specific force, rad.
+        apart: by how much more the rate has added up to than that has changed, of late, rad.
+        distrust: s for which the gyroscope is still not believed.
+    """
+
+    gyro: Gyroscope
+    bias: Float[Array, ""]
+    heard: Float[Array, ""]
+    steady: Float[Array, ""]
+    unrest: Float[Array, ""]
+    tilt: Float[Array, ""]
+    apart: Float[Array, ""]
+    distrust: Float[Array, ""]
+
+
+class RollMeter(eqx.Module):
+    """Rate of the road's bank φ̇ = p − r sin θ − k ȧ_y of the roll rate p (ISO 8855), with θ the slope.
+
+    The body leans outward by k a_y besides, k the vehicle file's roll gradient. What p averages to over a
+    minute is the gyroscope's bias: no road banks for ever. What it adds up to is held against what a bank
+    does to the lateral accelerometer, a_y − v_x r = v̇_y + g φ: where the two part for good, it fails.
+    """
+
+    _noise: Float[Array, ""]
+    _bias: Float[Array, ""]
+    _gradient: Float[Array, ""]
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        # the axes of one sensor are alike: the file knows the yaw rate's
+        self._noise = leaf(vehicle.sensors.yaw_rate.noise)
+        self._bias = jnp.maximum(leaf(vehicle.sensors.yaw_rate.bias), _LEAST_BIAS)
+        self._gradient = leaf(vehicle.body.roll_gradient)
+
+    def init(self) -> RollState:
+        """Nothing has come yet."""
+        return RollState(Gyroscope.silent(), *[jnp.zeros(())] * 7)
+
+    def read(
+        self,
+        state: RollState,
+        sample: Sample,
+        seen: Signals,
+        sine: Float[Array, ""],
+        speed: Float[Array, ""],
+        dt: Float[Array, ""],
+    ) -> tuple[RollState, Float[Array, " 2"]]:
+        """Take a sample ``dt`` after the last.
+
+        Args:
+            state: from :meth:`init` or the last call.
+            sample: with ``roll_rate``.
+            seen: the other signals; specific force across freed of roll.
+            sine: of the slope.
+            speed: m/s.
+            dt: s.
+
+        Returns:
+            The state, and the bank's rate in rad/s with its white error in rad/s/√Hz, infinite where unknown.
+        """
+        meanwhile = state.gyro.goes_on(dt)
+        gyro = state.gyro.take(sample["roll_rate"], dt)
+        across = (seen.age[ACCEL_Y] < STALE) & (seen.age[YAW_RATE] < STALE)
+        turning = jnp.where(seen.age[YAW_RATE] < STALE, seen.smooth[YAW_RATE], 0.0)
+        leans = jnp.where(across, self._gradient * seen.rate[ACCEL_Y], 0.0)
+        usable = gyro.is_known() & meanwhile & (state.gyro.rate.age < STALE)
+        raw = gyro.between(state.gyro) - turning * sine - leans
+        step = jnp.clip(dt, _LEAST_STEP, STALE)
+        heard = jnp.minimum(state.heard + jnp.where(usable, step, 0.0), _BIAS_TIME)
+        counts = heard + _BANKED / self._bias
+        share = jnp.where(usable, step / counts, 0.0)
+        bias = state.bias + share * jnp.clip(raw - state.bias, -_SWIFTEST, _SWIFTEST)
+        rate = jnp.clip(raw - bias, -_SWIFTEST, _SWIFTEST)
+        keep = jnp.where(usable, -jnp.expm1(-step / _STEADY_TIME), 0.0)
+        steady = state.steady + keep * (rate - state.steady)
+        unrest = state.unrest + keep * ((rate - steady) ** 2 - state.unrest)
+        tilt = (seen.smooth[ACCEL_Y] - speed * turning) / GRAVITY
+        gap = jnp.where(usable & across, rate * step - (tilt - state.tilt), 0.0)
+        apart = (state.apart + gap) * jnp.exp(-step / _APART_TIME)
+        odd = jnp.abs(apart) > _APART
+        distrust = jnp.where(odd, _DISTRUST, jnp.maximum(state.distrust - dt, 0.0))
+        unsure = _BANKED / counts * (2 * _APART_TIME) ** 0.5
+        swings = root(unrest * 2 * _SWING_TIME)
+        lags = _GRADIENT_ERROR * leans * (2 * _LEAN_TIME) ** 0.5
+        white = rss(self._noise * root(gyro.every), swings, lags, unsure)
+        known = usable & (distrust <= 0)
+        new = RollState(gyro, bias, heard, steady, unrest, tilt, jnp.where(odd, 0.0, apart), distrust)
+        return new, jnp.stack([jnp.where(known, rate, 0.0), jnp.where(known, white, jnp.inf)])
+
+    def is_faulty(self, state: RollState) -> Bool[Array, ""]:
+        """Whether samples are refused or contradict the lateral accelerometer."""
+        return (state.distrust > 0) | (state.gyro.refused > 0)

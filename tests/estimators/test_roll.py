@@ -1,0 +1,100 @@
+"""The roll rate: turns against rotation matrices, biases, and gyroscopes that fail."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from tests.estimators.body_rates import body_rates
+
+from roadstate.core.constants import GRAVITY
+from roadstate.estimators.intake import ACCEL_Y, YAW_RATE, Signals
+from roadstate.estimators.roll import RollMeter, RollState
+from roadstate.vehicles import Vehicle
+
+DT = 0.01
+Array = NDArray[np.float64]
+
+
+def seen(across: jax.Array, across_rate: jax.Array, turning: jax.Array) -> Signals:
+    none, eight = jnp.zeros(8), jnp.zeros(8, bool)
+    smooth = none.at[ACCEL_Y].set(across).at[YAW_RATE].set(turning)
+    rate = none.at[ACCEL_Y].set(across_rate)
+    return Signals(smooth, none, eight, smooth, rate, none, none, smooth, rate, jnp.zeros(2), eight)
+
+
+def told(
+    meter: RollMeter, roll: Array, across: Array, turning: Array, sine: float = 0.0, speed: float = 20.0
+) -> tuple[RollState, Array, Array]:
+    """The last state, and bank rates with their white errors, of samples of the roll rate."""
+
+    def step(state: RollState, row: tuple[jax.Array, ...]) -> tuple[RollState, jax.Array]:
+        rate, *others = row
+        return meter.read(
+            state, {"roll_rate": rate}, seen(*others), jnp.asarray(sine), jnp.asarray(speed), jnp.asarray(DT)
+        )
+
+    rows = tuple(map(jnp.asarray, (roll, across, np.gradient(across, DT), turning)))
+    last, found = jax.lax.scan(step, meter.init(), rows)
+    return last, *np.asarray(found).T
+
+
+@pytest.mark.parametrize("turning", [-0.3, 0.0, 0.3])
+@pytest.mark.parametrize("rise", [-0.08, 0.0, 0.08])
+def test_it_is_the_rate_of_the_bank_in_any_turn_on_any_slope(
+    turning: float, rise: float, vehicle: Vehicle
+) -> None:
+    bank, banking = 0.03, 0.04
+    p, _, r = body_rates(0.4, -rise, bank, (turning, 0.0, banking))
+    same = np.ones(3)
+    _, rate, white = told(RollMeter(vehicle), p * same, 0.0 * same, r * same, float(np.sin(rise)))
+    assert rate[2] == pytest.approx(banking, abs=5e-4)
+    assert 0 < white[2] < 0.1
+
+
+def test_a_body_that_leans_is_no_bank(vehicle: Vehicle) -> None:
+    time = np.arange(0, 4, DT)
+    across = 4.0 * np.sin(np.pi * time / 4) ** 2
+    roll = np.gradient(vehicle.body.roll_gradient * across, DT)
+    _, rate, _ = told(RollMeter(vehicle), roll, across, across / 20.0)
+    assert np.abs(rate).max() < 0.05 * np.abs(roll).max()
+
+
+def test_a_bias_averages_out(vehicle: Vehicle) -> None:
+    """And what it may still be is part of the error."""
+    time = np.arange(0, 90, DT)
+    bias = 2 * vehicle.sensors.yaw_rate.bias
+    noise = np.random.default_rng(1).normal(0, 0.002, len(time))
+    _, rate, white = told(RollMeter(vehicle), bias + noise, 0 * time, 0 * time)
+    late = time > 60
+    assert abs(rate[late].mean()) < 0.3 * bias
+    assert abs(rate[time < 2].mean()) > 0.8 * bias
+    assert white[late].max() < 0.5 * white[10]
+
+
+@pytest.mark.parametrize(("sign", "is_odd"), [(1.0, False), (-1.0, True)])
+def test_one_turned_round_contradicts_the_accelerometer(sign: float, is_odd: bool, vehicle: Vehicle) -> None:
+    time = np.arange(0, 6, DT)
+    bank = 0.1 * np.sin(np.pi * np.clip((time - 1) / 4, 0, 0.5)) ** 2
+    turning = bank
+    across = 20.0 * turning - GRAVITY * np.sin(bank)
+    lean = vehicle.body.roll_gradient * across
+    meter = RollMeter(vehicle)
+    noise = np.random.default_rng(1).normal(0, 0.002, len(time))
+    last, _, white = told(meter, sign * np.gradient(lean - bank, DT) + noise, across, turning)
+    assert bool(meter.is_faulty(last)) is is_odd
+    assert bool(np.isinf(white[2:]).any()) is is_odd
+
+
+def test_gaps_and_spikes_tell_nothing(vehicle: Vehicle) -> None:
+    time = np.arange(0, 2, DT)
+    noise = np.random.default_rng(1).normal(0, 0.002, len(time))
+    roll = np.where(time > 1, noise, np.nan)
+    roll[150] = 0.9
+    roll[160] = 50.0
+    _, rate, white = told(RollMeter(vehicle), roll, 0 * time, 0 * time)
+    assert np.isinf(white[:100]).all()
+    assert np.isfinite(white[105:]).all()
+    assert np.abs(rate).max() < 0.01
