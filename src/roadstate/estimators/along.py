@@ -19,6 +19,7 @@ from roadstate.estimators.base import leaf
 from roadstate.estimators.intake import WHEEL_SPEEDS
 from roadstate.estimators.pitch import Pitching
 from roadstate.estimators.road import GradePrior
+from roadstate.estimators.signals import way
 from roadstate.estimators.tire_forces import BRAKE_RELATIVE
 from roadstate.linalg import root
 from roadstate.statespace import StateSpaceModel
@@ -228,12 +229,13 @@ class AlongModel(StateSpaceModel):
 
         Args:
             gaussian: of the states.
-            speed: m/s by which to divide, away from 0.
+            speed: m/s; slower than 1 m/s counts as that.
         """
-        row = jnp.zeros_like(gaussian.mean).at[SPEED].set(-1 / speed)
+        # κ = ((1 + ε) R ω − v)/|v|
+        row = jnp.zeros_like(gaussian.mean).at[SPEED].set(-1 / jnp.maximum(jnp.abs(speed), 1.0))
         radius = jnp.zeros_like(speed)
         if "wheel_radius" in self.states:
-            row = row.at[self.place("wheel_radius")].set(1.0)
+            row = row.at[self.place("wheel_radius")].set(way(speed))
             radius = gaussian.mean[self.place("wheel_radius")]
         return radius, root(jnp.sum((row @ gaussian.factor) ** 2))
 

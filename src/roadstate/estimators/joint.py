@@ -272,7 +272,7 @@ class Joint(Estimator[JointState]):
         unrest = self.inputs.learn(state, info, u, forces, dt)
         shortfall = self.inputs.falls_short(state.shortfall, info, u, forces, dt)
         speed = along.gaussian.mean[SPEED]
-        rolling = self.along.rolling(along.gaussian, jnp.maximum(jnp.abs(speed), 1.0))
+        rolling = self.along.rolling(along.gaussian, speed)
         gain = self.along.speeds_up(along.gaussian.mean, u)
         since = jnp.where(state.speed_age < NEVER, dt, NEVER)
         roll, banking = state.roll, jnp.asarray([0.0, jnp.inf])

@@ -26,6 +26,8 @@ _BANKED = 0.08  # rad: 1σ of what a road's bank changes by altogether
 _STEADY_TIME = 0.5  # s: low pass of the rate, besides which a body swings
 _APART_TIME = 2.0  # s for which what the rate adds up to is compared with what a bank does to accel_y
 _APART = 0.08  # rad: so far apart they are only when the gyroscope fails
+_SELDOM = 0.02  # s from sample to sample
+_SURE = 3.0  # 1σ of what is added up, that many times
 _DISTRUST = 20.0  # s for which a gyroscope that failed is not believed
 _LEAST_STEP = 1e-3  # s
 _LEAST_BIAS = 1e-4  # rad/s
@@ -118,7 +120,9 @@ class RollMeter(eqx.Module):
         tilt = (seen.smooth[ACCEL_Y] - speed * turning) / GRAVITY
         gap = jnp.where(usable & across, rate * step - (tilt - state.tilt), 0.0)
         apart = (state.apart + gap) * jnp.exp(-step / _APART_TIME)
-        odd = jnp.abs(apart) > _APART
+        # what swings between samples that come seldom adds up at random
+        missed = unrest * jnp.maximum(gyro.every - _SELDOM, 0.0) * _APART_TIME / 2
+        odd = jnp.abs(apart) > _APART + _SURE * root(missed)
         distrust = jnp.where(odd, _DISTRUST, jnp.maximum(state.distrust - dt, 0.0))
         unsure = _BANKED / counts * (2 * _APART_TIME) ** 0.5
         swings = root(unrest * 2 * _SWING_TIME)
