@@ -29,7 +29,7 @@ def touch(slip: Array, force: Array, shared: float = 0.02) -> Touch:
         across=jnp.zeros(2), along=jnp.asarray(force), slip=jnp.asarray(slip), slip_std=jnp.full(4, 0.0015),
         slip_noise=jnp.zeros(4),
         slip_shared=zero + shared, across_std=jnp.zeros(2), along_std=jnp.zeros(4), split_std=jnp.zeros(4),
-        shaken=jnp.zeros(2), transfer=jnp.zeros(2), lag=zero + 0.05,
+        shaken=jnp.zeros(2), transfer=jnp.zeros(2), lag=zero + 0.05, banking=jnp.asarray([0.0, jnp.inf]),
     )  # fmt: skip
 
 
@@ -194,7 +194,7 @@ def test_a_bump_comes_and_goes_and_a_road_begins_and_stays() -> None:
 def middle() -> Callable[[Array, Array], Array]:
     """Slips and forces (k, 4) → lower bounds and middle values of the front and the rear wheels' friction at
     the end."""
-    bank = FrictionBank(load_vehicle("suv"))
+    bank = FrictionBank(load_vehicle("suv"), reads_roll=False)
 
     @jax.jit
     def run(slips: Array, forces: Array) -> Array:

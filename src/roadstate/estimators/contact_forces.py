@@ -238,7 +238,7 @@ class ForceMeter(eqx.Module):
         push, gentle = (jnp.sum(part) / (radius * mass) for part in (pulling, torque[:4]))
         angle, forward = jnp.clip(signals.smooth[STEER], -0.9, 0.9), way(speed)
         bend = held_back(accel[1], angle, car.cg_to_rear_axle / car.wheelbase)
-        coefficient = car.rolling_resistance + car.rolling_resistance_speed * speed**2
+        coefficient = car.rolling_coefficient(speed)
         turns_up = (drive.inertia / mass - 1) * (accel[0] - slope)
         lost = drag + bend + GRAVITY * coefficient * direction + turns_up
         brakes = state.brakes.take(held, push - lost, gentle, forward, dt)

@@ -175,7 +175,7 @@ class ForceObserver(eqx.Module):
         angle = jnp.clip(held["steer"].value, -0.9, 0.9)
         drag = car.drag(speed) / mass
         bend = held_back(held["accel_y"].value / self._lean[1], angle, car.cg_to_rear_axle / car.wheelbase)
-        coefficient = car.rolling_resistance + car.rolling_resistance_speed * speed**2
+        coefficient = car.rolling_coefficient(speed)
         rolls = jnp.tanh(speed / STANDSTILL_SPEED)
         turns_up = (drive.inertia / mass - 1) * state.smooth[8]  # but for what a slope does to it
         explained = push - drag - bend - GRAVITY * coefficient * rolls - turns_up

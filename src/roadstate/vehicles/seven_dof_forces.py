@@ -79,7 +79,10 @@ class SevenDofForces(VehicleModel):
             jnp.zeros((7, 7), x.dtype),
         )
 
+    def rolling_coefficient(self, speed: Numbers) -> Numbers:
+        """Rolling resistance over load at a speed in m/s."""
+        return self.rolling_resistance + self.rolling_resistance_speed * speed**2
+
     def _spin(self, x: Numbers, u: Numbers, motion: Motion) -> Spin:
-        rolling = self.rolling_resistance + self.rolling_resistance_speed * x[0] ** 2
-        moment = rolling * motion.load * self.wheel_radius
+        moment = self.rolling_coefficient(x[0]) * motion.load * self.wheel_radius
         return spin(x[3:7], u[2:6], u[6:10], motion.F_x, moment, self.wheel_radius, self.wheel_inertia)
