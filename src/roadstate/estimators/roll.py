@@ -26,6 +26,8 @@ _BANKED = 0.08  # rad: 1σ of what a road's bank changes by altogether
 _STEADY_TIME = 0.5  # s: low pass of the rate, besides which a body swings
 _APART_TIME = 2.0  # s for which what the rate adds up to is compared with what a bank does to accel_y
 _APART = 0.08  # rad: so far apart they are only when the gyroscope fails
+_BRIEF = 0.2  # s of a difference that means nothing: tires shake a car sideways
+_SLOWEST = 5.0  # m/s
 _SELDOM = 0.02  # s from sample to sample
 _SURE = 3.0  # 1σ of what is added up, that many times
 _DISTRUST = 20.0  # s for which a gyroscope that failed is not believed
@@ -44,6 +46,7 @@ class RollState(NamedTuple):
         unrest: mean square of what the body swings besides, rad²/s².
         tilt: what a bank would have to be to make the lateral specific force, rad.
         apart: by how much more the rate has added up to than that has changed, of late, rad.
+        lasting: that, low-passed.
         distrust: s for which the gyroscope is still not believed.
     """
 
@@ -54,6 +57,7 @@ class RollState(NamedTuple):
     unrest: Float[Array, ""]
     tilt: Float[Array, ""]
     apart: Float[Array, ""]
+    lasting: Float[Array, ""]
     distrust: Float[Array, ""]
 
 
@@ -77,7 +81,7 @@ class RollMeter(eqx.Module):
 
     def init(self) -> RollState:
         """Nothing has come yet."""
-        return RollState(Gyroscope.silent(), *[jnp.zeros(())] * 7)
+        return RollState(Gyroscope.silent(), *[jnp.zeros(())] * 8)
 
     def read(
         self,
@@ -118,18 +122,22 @@ class RollMeter(eqx.Module):
         steady = state.steady + keep * (rate - state.steady)
         unrest = state.unrest + keep * ((rate - steady) ** 2 - state.unrest)
         tilt = (seen.smooth[ACCEL_Y] - speed * turning) / GRAVITY
-        gap = jnp.where(usable & across, rate * step - (tilt - state.tilt), 0.0)
+        # a car that hardly moves rocks on its tires
+        compared = usable & across & (jnp.abs(speed) > _SLOWEST)
+        gap = jnp.where(compared, rate * step - (tilt - state.tilt), 0.0)
         apart = (state.apart + gap) * jnp.exp(-step / _APART_TIME)
+        lasting = state.lasting - jnp.expm1(-step / _BRIEF) * (apart - state.lasting)
         # what swings between samples that come seldom adds up at random
         missed = unrest * jnp.maximum(gyro.every - _SELDOM, 0.0) * _APART_TIME / 2
-        odd = jnp.abs(apart) > _APART + _SURE * root(missed)
+        odd = jnp.abs(lasting) > _APART + _SURE * root(missed)
         distrust = jnp.where(odd, _DISTRUST, jnp.maximum(state.distrust - dt, 0.0))
         unsure = _BANKED / counts * (2 * _APART_TIME) ** 0.5
         swings = root(unrest * 2 * _SWING_TIME)
         lags = _GRADIENT_ERROR * leans * (2 * _LEAN_TIME) ** 0.5
         white = rss(self._noise * root(gyro.every), swings, lags, unsure)
         known = usable & (distrust <= 0)
-        new = RollState(gyro, bias, heard, steady, unrest, tilt, jnp.where(odd, 0.0, apart), distrust)
+        apart, lasting = (jnp.where(odd, 0.0, part) for part in (apart, lasting))
+        new = RollState(gyro, bias, heard, steady, unrest, tilt, apart, lasting, distrust)
         return new, jnp.stack([jnp.where(known, rate, 0.0), jnp.where(known, white, jnp.inf)])
 
     def is_faulty(self, state: RollState) -> Bool[Array, ""]:
