@@ -110,6 +110,7 @@ class Redundancy(eqx.Module):
         wheelbase: m.
         understeer: g⁻¹ (1/C_f − 1/C_r), s²/m.
         slip_stiffness: C_κ/F_z.
+        accel_std: 1σ of the longitudinal accelerometer at rest, m/s²: more where the file knows of a bias.
         driven: (4,) which wheels the engine turns.
         has_wheels: whether any wheel's speed is measured.
         slowest: m/s below which directions are not known.
@@ -120,6 +121,7 @@ class Redundancy(eqx.Module):
     wheelbase: Float[Array, ""]
     understeer: Float[Array, ""]
     slip_stiffness: Float[Array, ""]
+    accel_std: Float[Array, ""]
     driven: Bool[Array, " 4"]
     has_wheels: bool = eqx.field(static=True)
     slowest: float = eqx.field(static=True)
@@ -133,6 +135,7 @@ class Redundancy(eqx.Module):
             (1 / tires.cornering_stiffness_front - 1 / tires.cornering_stiffness_rear) / GRAVITY
         )
         self.slip_stiffness = leaf(tires.slip_stiffness)
+        self.accel_std = leaf(max(_ACCEL_X[0], vehicle.sensors.accel.bias))
         self.driven = jnp.asarray(vehicle.driveline.drives)
         self.has_wheels = any(c.startswith("wheel_speed") for c in available)
         self.slowest = _SLOWEST[0 if "gear_ratio" in available else 1]
@@ -211,7 +214,7 @@ class Redundancy(eqx.Module):
         explained = forces.explained
         along = [smooth[ACCEL_X], wheels, explained]
         along_std = [
-            rss(_ACCEL_X[0], _ACCEL_X[1] * smooth[ACCEL_X]),
+            rss(self.accel_std, _ACCEL_X[1] * smooth[ACCEL_X]),
             jnp.sqrt(
                 _WHEELS_ACCEL[0] ** 2
                 + (_WHEELS_ACCEL[1] * wheels) ** 2
