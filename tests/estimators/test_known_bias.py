@@ -17,10 +17,10 @@ from roadstate.vehicles import Vehicle
 def test_a_bias_that_the_file_allows_is_no_lie(
     vehicle: Vehicle, drive: Callable[..., Log], stated: float, is_accused: bool
 ) -> None:
-    """Wheels and torques both contradict it, by 1.5 m/s²: two of its σ, or fifteen."""
+    """Wheels and torques both contradict it, by 1 m/s²: one and a half of its σ, or ten."""
     time = np.arange(0, 40, 0.01)
     speed = 12 + 6 * np.sin(0.4 * time)
-    log = drive(speed, np.zeros(len(time)), accel_bias=-1.5)
+    log = drive(speed, np.zeros(len(time)), accel_bias=-1.0)
     rng = np.random.default_rng(1)
     noise = {"accel_x": 0.08, **{c: 0.03 for c in log.available if c.startswith("wheel_speed")}}
     noisy = {c: log[c] + rng.normal(0, noise.get(c, 1.0), len(time)) for c in log.available}
