@@ -14,7 +14,7 @@ from jaxtyping import Array, Float, Int
 from roadstate.core.channels import WHEELS
 from roadstate.core.constants import GRAVITY
 from roadstate.core.estimates import Validity
-from roadstate.core.gaussian import Gate, Gaussian, Info, Reason
+from roadstate.core.gaussian import Gaussian, Info, Reason
 from roadstate.core.kernel import once
 from roadstate.estimators.astray import is_astray, led_back
 from roadstate.estimators.base import Estimate, Estimator, Need, Sample, Smoothable, known_only, leaf
@@ -316,16 +316,13 @@ class TFOBE(Estimator[TFOBEState]):
 def _joined(lower: Info, upper: Info, speeds: int) -> Info:
     """What both layers tell, of the sensors that are the car's own."""
     keep = slice(0, speeds)
-    used = jnp.isfinite(upper.innovation[keep]) & (upper.gate[keep] != Gate.REJECTED)
-    innovation = jnp.where(used, upper.innovation[keep], 0.0)
-    S = jnp.where(used[:, None] & used, upper.S[keep, keep], jnp.eye(speeds))
     zero = jnp.zeros((lower.innovation.shape[0], speeds))
     reasons = jnp.maximum(lower.reason, upper.reason)
     idle = (reasons == Reason.NO_MEASUREMENT) & (lower.reason != upper.reason)  # one layer only
     return Info(
         innovation=jnp.concatenate([lower.innovation, upper.innovation[keep]]),
         S=jnp.block([[lower.S, zero], [zero.T, upper.S[keep, keep]]]),
-        nis=lower.nis + innovation @ jnp.linalg.solve(S, innovation),
+        nis=lower.nis + upper.nis,
         log_likelihood=lower.log_likelihood + upper.log_likelihood,
         gate=jnp.concatenate([lower.gate, upper.gate[keep]]),
         ok=lower.ok & upper.ok,
