@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float
 from roadstate.core.gaussian import Gaussian
 from roadstate.estimators.along import BIAS, SLOPE, SPEED
 from roadstate.estimators.base import Sample, leaf
-from roadstate.estimators.intake import ACCEL_X, SPIN, STALE, WHEEL_SPEEDS, Signals
+from roadstate.estimators.intake import ACCEL_X, FASTEST_BACKWARD, SPIN, STALE, WHEEL_SPEEDS, Signals
 from roadstate.estimators.signals import signed_direction
 from roadstate.linalg import root
 
@@ -29,7 +29,6 @@ _UNEVEN = 0.1  # m/s²: 1σ of what the slope is another by within the first met
 _PRIOR, _SURE, _WITHHELD = 3.0, 3.0, 2.0
 _FITS = 3.0  # σ by which wheels and accelerometer may differ to be of one motion
 _SET_OFF = 3.0  # m/s at which the question is over
-_FASTEST = 8.0  # m/s: so fast no car backs up
 
 
 class DirectionState(NamedTuple):
@@ -69,17 +68,14 @@ class Direction(eqx.Module):
     missing, and what the filter predicts without them is all there is.
 
     Attributes:
-        reads_gear: whether there is a gear ratio.
         wheels: channels of the wheels.
         radius: m.
     """
 
-    reads_gear: bool = eqx.field(static=True)
     wheels: tuple[str, ...] = eqx.field(static=True)
     radius: Float[Array, ""]
 
     def __init__(self, vehicle: Vehicle, available: Collection[str]) -> None:
-        self.reads_gear = "gear_ratio" in available
         self.wheels = tuple(w for w in WHEEL_SPEEDS if w in available)
         self.radius = leaf(vehicle.wheels.radius)
 
@@ -106,7 +102,7 @@ class Direction(eqx.Module):
             state: from :meth:`init` or the last call.
             raw: of this instant, wheels turned by the gear alone.
             sample: the channels.
-            gear: latest ratio.
+            gear: latest ratio; 0 where none was told.
             along: of the filter, before this sample.
             sign: by which the longitudinal accelerometer is to be multiplied.
             dt: s.
@@ -133,10 +129,10 @@ class Direction(eqx.Module):
         total = variance + (rest_std * since) ** 2
         evidence = _PRIOR + 2 * speed * velocity / jnp.maximum(total, _DEAD_BAND**2)
         fits = (speed + velocity) ** 2 < _FITS**2 * total
-        known = has_sign | (gear != 0) if self.reads_gear else has_sign
+        known = has_sign | (gear != 0)
         is_open = (stands | state.is_open) & ~known
         found = is_open & (evidence < -_SURE) & fits
-        backs = (found | (state.backs & ~stands)) & ~known & (speed < _FASTEST)
+        backs = (found | (state.backs & ~stands)) & ~known & (speed < FASTEST_BACKWARD)
         is_open = is_open & ~found & (evidence < _PRIOR + _SURE) & (speed < _SET_OFF)
         withheld = is_open & (evidence < _WITHHELD)
         way = jnp.where(backs, -1.0, 1.0)

@@ -51,9 +51,9 @@ _PER_ACCEL = 2.0  # rad/s per m/s²: that the acceleration changes tells as much
 _OTHER = (0.4, 1.0, 0.7)
 _LEAST_STEP = 1e-3  # s
 _SLOWEST = 1.0  # m/s below which a car's signals may well stand still
-# m/s from which on no wheel turns round at once; share of it by which it may differ; nor does a car that was
-# never seen to go forward go backward as fast as that unless its gear says so, m/s
-_TURNED = (3.0, 0.2, 8.0)
+FASTEST_BACKWARD = 8.0
+"""m/s from which on a car that nobody saw go backward by its gear does not back up."""
+_TURNED = (3.0, 0.2)  # m/s from which on no wheel turns round at once; share of it by which it may differ
 
 
 def sensor_fault_names(named: Sequence[str | None], sensors: Sequence[str]) -> tuple[str, ...]:
@@ -274,7 +274,7 @@ class Intake(eqx.Module):
         self, state: SignalState, raw: Float[Array, " 4"], speed: Float[Array, ""], gear: Float[Array, ""]
     ) -> Float[Array, " 4"]:
         """What is known of the wheels' signs after samples (4,) in rad/s."""
-        fast, share, fastest = _TURNED
+        fast, share = _TURNED
         sense, radius = state.sense, self._geometry[0]
         rims = radius * raw
         told = rims * jnp.where(sense < 0, -1.0, 1.0)
@@ -282,7 +282,9 @@ class Intake(eqx.Module):
         rolled = jnp.abs(radius * state.value[SPIN] - speed) < share * speed
         alone = (sense == 0) & jnp.any(sense > 0)
         turns = forward & (rolled | alone) & (jnp.abs(told + speed) < share * speed)
-        begins = (gear >= 0) & (sense == 0) & (rims < -fast) & jnp.any((sense == 0) & (rims < -fastest))
+        begins = (
+            (gear >= 0) & (sense == 0) & (rims < -fast) & jnp.any((sense == 0) & (rims < -FASTEST_BACKWARD))
+        )
         known = jnp.where((sense == 0) & (rims > fast), 1.0, sense)
         return jnp.where(begins, -1.0, jnp.where(turns, jnp.where(sense < 0, 1.0, -1.0), known))
 
