@@ -23,7 +23,7 @@ _OUTSIDE = {
     *("cholesky", "cholesky_update", "eig", "eigh", "geqp3", "geqrf", "hessenberg", "householder_product"),
     *("lu", "qr", "schur", "svd", "symmetric_product", "triangular_solve", "tridiagonal"),
     *("tridiagonal_solve", "approx_top_k", "fft", "sort", "top_k"),
-    *("ffi_call", "io_callback", "pure_callback", "debug_callback"),
+    *("ffi_call", "io_callback", "pure_callback", "debug_callback", "debug_print"),
 }
 """Primitives that XLA leaves to a library or to Python: a kernel cannot call them."""
 
