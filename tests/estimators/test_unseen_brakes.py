@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from roadstate.core import Log
+from roadstate.core import WHEELS, Log
+from roadstate.core.constants import GRAVITY
 from roadstate.estimators import build
 from roadstate.estimators.shortfall import Shortfall
 from roadstate.estimators.signals import Held
@@ -155,3 +156,31 @@ def test_brakes_that_rub_are_no_bias(
     error, std = found.values["grade"] - 0.02, found.std["grade"]
     assert np.mean((np.abs(error) < 2 * std)[log.time > 1]) > 0.95
     assert np.abs(error)[log.time > 18].max() < 0.006
+
+
+def test_wheels_that_agree_by_chance_under_brakes_that_nothing_tells_of(vehicle: Vehicle) -> None:
+    """The log begins under anti-lock brakes on ice, at a moment when both rear wheels slip alike."""
+    time = np.arange(800) * DT
+    speed = 16 - 0.9 * np.minimum(time, 6) + 0.4 * np.maximum(time - 6, 0)
+    phase = 2 * np.pi * (1.3 * time[:, None] - np.array([0.0, 0.6, 0.26, 0.28]))
+    slip = np.where(time[:, None] < 6, 0.2 * (1 - np.cos(phase)), 0.0)
+    noise = np.random.default_rng(0).standard_normal((6, len(time)))
+    gain = np.gradient(speed, DT)
+    drag = 0.5 * vehicle.aerodynamics.air_density * vehicle.drag_area * speed**2 / vehicle.mass
+    force = vehicle.mass * (gain + drag + GRAVITY * vehicle.rolling_resistance.coefficient)
+    torque = np.where(time < 6, 0.0, 0.5 * vehicle.wheels.radius * force)
+    channels = {
+        "accel_x": (1 + GRAVITY * vehicle.body.pitch_gradient) * gain + 0.05 * noise[4],
+        **{
+            f"wheel_speed_{w}": (1 - slip[:, i]) * speed / vehicle.wheels.radius + 0.05 * noise[i]
+            for i, w in enumerate(WHEELS)
+        },
+        **{f"drive_torque_{w}": torque + noise[5] for w in ("fl", "fr")},
+    }
+    log = Log(time, channels)
+    found = scan(build("joint", vehicle, log.available), log)
+    error, std = np.abs(found.values["speed"] - speed), found.std["speed"]
+    assert error[time > 0.5].max() < 2.0
+    assert np.mean(error < 2 * std) > 0.9
+    grade = np.abs(found.values["grade"])
+    assert np.mean(grade < 2 * found.std["grade"]) > 0.95

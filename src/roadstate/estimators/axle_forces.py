@@ -51,6 +51,7 @@ class AxleForces(NamedTuple):
         held: m/s², 1σ of what drive may have changed by since its torque came.
         age: s since the torque came; huge where there is none.
         is_shifting, is_brake_unknown: as :class:`~roadstate.estimators.traction.Traction`.
+        may_brake: brakes act that no channel tells of, or there is no telling.
     """
 
     along: Float[Array, " 4"]
@@ -77,6 +78,7 @@ class AxleForces(NamedTuple):
     age: Float[Array, ""]
     is_shifting: Bool[Array, ""]
     is_brake_unknown: Bool[Array, ""]
+    may_brake: Bool[Array, ""]
 
     @property
     def over_load(self) -> Float[Array, " 4"]:

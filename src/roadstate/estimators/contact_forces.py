@@ -193,7 +193,7 @@ class ForceMeter(eqx.Module):
         load = self.car.wheel_loads(zero, zero)
         return AxleForces(
             four, two, load, four, four, now, still, two, four + jnp.inf, two + jnp.inf, two,
-            Lean.upright(), zero, zero, zero, zero, zero, zero, zero + 1.0, zero, zero, zero + NEVER, no, no,
+            Lean.upright(), zero, zero, zero, zero, zero, zero, zero + 1.0, zero, zero, zero + NEVER, no, no, no,
         )  # fmt: skip
 
     def read(
@@ -307,6 +307,7 @@ class ForceMeter(eqx.Module):
             age=drive.age,
             is_shifting=drive.is_shifting,
             is_brake_unknown=unseen.act,
+            may_brake=unseen.may_act,
         )
         told = jnp.stack([forces.explained, forces.intensity, apart])
         return ForceMeterState(traction, brakes, torque, drive.age, told, calm, stir, kept, lean), forces

@@ -226,7 +226,7 @@ class TireContact(eqx.Module):
         self, rim: Array, told: Array, forces: AxleForces
     ) -> tuple[Bool[Array, " 4"], Float[Array, ""], Bool[Array, ""]]:
         """Which wheels nothing drives or brakes, the speed they tell, and whether they agree on it."""
-        brakes = (forces.age >= STALE) | forces.is_brake_unknown | (jnp.abs(forces.brake) > LEAST_BRAKING)
+        brakes = (forces.age >= STALE) | forces.may_brake | (jnp.abs(forces.brake) > LEAST_BRAKING)
         free = told & ~np.array(self.driven) & ~brakes & (jnp.abs(rim) > DEAD_BAND)
         count = jnp.sum(free)
         speed = jnp.sum(jnp.where(free, rim, 0.0)) / jnp.maximum(count, 1)
