@@ -23,9 +23,9 @@ ROOT = Path(__file__).resolve().parent.parent
 
 # Tests compile thousands of programs and run each for a moment: without the optimiser that takes less than
 # half the time. Read when the first array is made; an XLA that does not know a flag refuses to start.
-if jax.__version_info__ < (0, 12):
-    quickly = "--xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=0"
-    os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {quickly}".strip()
+QUICKLY = {"--xla_cpu_use_fusion_emitters=false": (0, 11), "--xla_backend_optimization_level=0": (0, 12)}
+_known = [flag for flag, until in QUICKLY.items() if jax.__version_info__ < until]
+os.environ["XLA_FLAGS"] = " ".join([os.environ.get("XLA_FLAGS", ""), *_known]).strip()
 
 # nor are loops optimised, unless a test asks for it (``optimised``)
 numerics.LOOP_OPTIONS["xla_backend_optimization_level"] = 0

@@ -52,9 +52,7 @@ def multinomial(weights: Float[Array, " N"], draws: Draws) -> Int[Array, " N"]:
         draws: random numbers.
     """
     count = weights.shape[0]
-    waiting = jnp.cumsum(-jnp.log(draws.uniform((count + 1,), weights.dtype)))
-    points = waiting[:-1] / waiting[-1]
-    return _owner(_scaled_sums(weights), points * count)
+    return _ancestors(_below(_sums(weights), jnp.asarray(count), draws))
 
 
 def residual(weights: Float[Array, " N"], draws: Draws) -> Int[Array, " N"]:
@@ -65,12 +63,9 @@ def residual(weights: Float[Array, " N"], draws: Draws) -> Int[Array, " N"]:
         draws: random numbers.
     """
     count = weights.shape[0]
-    certain = jnp.floor(weights * count)
-    left = _sums(weights * count - certain)
-    drawn = _owner(left, draws.uniform(weights.shape, weights.dtype) * left[-1])
-    missing = jnp.arange(count) < count - jnp.sum(certain)
-    offspring = certain.astype(jnp.int32).at[drawn].add(missing.astype(jnp.int32))
-    return _ancestors(jnp.cumsum(offspring))
+    certain = jnp.floor(weights * count).astype(jnp.int32)
+    drawn = _below(_sums(weights * count - certain), count - jnp.sum(certain), draws)
+    return _ancestors(jnp.cumsum(certain) + drawn)
 
 
 RESAMPLING: dict[str, Resampling] = {
@@ -96,16 +91,19 @@ def _sums(parts: Float[Array, " N"]) -> Float[Array, " N"]:
     return jnp.asarray(jax.lax.cummax(jnp.where(parts > 0, jnp.cumsum(parts), 0)))
 
 
-def _owner(sums: Float[Array, " N"], points: Float[Array, " N"]) -> Int[Array, " N"]:
-    """In whose part of the sums each point lies; one that was rounded up to the end, in the last part."""
-    found = jnp.searchsorted(sums, points, side="right")
-    return jnp.minimum(found, jnp.searchsorted(sums, sums[-1])).astype(jnp.int32)
+def _below(sums: Float[Array, " N"], number: Int[Array, ""], draws: Draws) -> Int[Array, " N"]:
+    """How many of ``number`` points, drawn independently from 0 to the last sum, lie below each sum."""
+    waiting = jnp.cumsum(-jnp.log(draws.uniform((sums.shape[0] + 1,), sums.dtype)))
+    points = jnp.where(jnp.arange(sums.shape[0]) < number, waiting[:-1] / waiting[number], jnp.inf)
+    found = jnp.searchsorted(points * sums[-1], sums, method="scan_unrolled").astype(jnp.int32)
+    # one that was rounded up to the end lies in the last part that there is
+    return jnp.where(sums < sums[-1], found, number.astype(jnp.int32))
 
 
 def _ancestors(ends: Array) -> Int[Array, " N"]:
-    """Ancestor of each offspring, particle i having those from ends_{i−1} up to ends_i: by counting, not
-    by searching.
-    """
+    """Ancestor of each offspring, particle i having those from ends_{i−1} up to ends_i."""
     count = ends.shape[0]
-    steps = jnp.zeros(count, jnp.int32).at[ends.astype(jnp.int32)].add(1, mode="drop")
-    return jnp.minimum(jnp.cumsum(steps), count - 1)
+    each = jnp.arange(count, dtype=ends.dtype)
+    # unrolled: a scatter that counts is no faster, and not every XLA has a place for it within one kernel
+    found = jnp.searchsorted(ends, each, side="right", method="scan_unrolled")
+    return jnp.minimum(found, count - 1).astype(jnp.int32)

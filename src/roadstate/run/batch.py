@@ -21,6 +21,7 @@ from roadstate.run.chunk import CHUNK, Row, cut, inputs, kept, scan_steps, start
 from roadstate.run.scan import scan
 
 _BUDGET = 512 * 2**20
+_BUDGET_ELSEWHERE = 4 * 2**30  # a GPU goes through a thousand logs in the time of one
 PER_PROCESSOR = 2
 """Threads for each processor: while one waits for XLA to take its program over, or to give it back, another's
 runs."""
@@ -46,7 +47,7 @@ def batch(
     logs: Sequence[Log],
     *,
     together: int | None = None,
-    memory: int = _BUDGET,
+    memory: int | None = None,
     workers: int | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[Estimates]:
@@ -61,8 +62,10 @@ def batch(
         estimators: one for all logs, or one for each (built alike: same channels, other parameters).
         logs: of any lengths; groups are of similar lengths.
         together: logs of a group; default 1 on a CPU, elsewhere as many as fit the memory budget.
-        memory: bytes that the samples and rows of the chunks at work may take.
-        workers: threads; default :data:`PER_PROCESSOR` for each processor.
+        memory: bytes that the samples and rows of the chunks at work may take; default 512 MiB on a CPU,
+            elsewhere 4 GiB.
+        workers: threads; default :data:`PER_PROCESSOR` for each processor, and one where the work is not
+            done on a CPU.
         progress: called with (logs done, logs) after every group.
 
     Raises:
@@ -80,9 +83,11 @@ def batch(
     kinds = [eqx.partition(e, eqx.is_array)[1] for e in each]
     if any(kind != kinds[0] for kind in kinds):
         raise InputError("the estimators are not built alike", mend="build them for the same channels")
-    workers = min(workers or PER_PROCESSOR * (os.cpu_count() or 1), len(logs))
+    on_cpu = jax.default_backend() == "cpu"
+    workers = min(workers or (PER_PROCESSOR * (os.cpu_count() or 1) if on_cpu else 1), len(logs))
+    memory = memory or (_BUDGET if on_cpu else _BUDGET_ELSEWHERE)
     per_log = CHUNK * (len(each[0].channels) + 1 + _ROW) * 8
-    if together is None and jax.default_backend() == "cpu":
+    if together is None and on_cpu:
         together = 1
     fitting = max(1, min(memory // (per_log * workers), -(-len(logs) // workers)))
     size = int(min(together or fitting, fitting))
