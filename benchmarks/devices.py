@@ -63,8 +63,8 @@ def row(what: str, count: int, call: Callable[[], Any], steps: int) -> str:
         steps: of all logs together that it makes.
     """
     first, again = timed(call)
-    times = steps / RATE / again
-    return f"| {device()} | {what} | {count} | {first:.1f} | {again:.3f} | {1e6 * again / steps:.3g} | {times:.0f} |"
+    cells = f"{first:.1f} | {again:.3f} | {1e6 * again / steps:.3g} | {steps / RATE / again:.0f}"
+    return f"| {device()} | {what} | {count} | {cells} |"
 
 
 def a_drive(file: Path | None) -> Log:

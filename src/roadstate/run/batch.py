@@ -29,14 +29,17 @@ _ROW = 32  # numbers that a step's row may be taken to have, for the memory budg
 
 
 def _scan_chunks(
-    params: Any, static: Any, layout: Layout, states: Any, samples: Any, dt: Any, count: Any
+    params: Any, static: Any, layout: Layout, states: Any, samples: Any, dt: Any, count: Any, alike: bool
 ) -> tuple[Any, Row]:
-    """``count`` steps through a chunk of each log of a group: the single log's loop under ``vmap``."""
+    """``count`` steps through a chunk of each log of a group: the single log's loop under ``vmap``.
+
+    Parameters and states are ``alike`` for all logs, or have one row for each.
+    """
 
     def one(own: Any, state: Any, values: Any, steps: Any) -> tuple[Any, Row]:
         return scan_steps(eqx.combine(own, static), layout, state, values, steps, count, kept)
 
-    return jax.vmap(one)(params, states, samples, dt)
+    return jax.vmap(one, (None if alike else 0, 0, 0, 0))(params, states, samples, dt)
 
 
 _compiled = jit_loop(_scan_chunks)
@@ -112,12 +115,16 @@ def _run_group(estimators: list[Estimator[Any]], logs: list[Log]) -> list[Estima
     """Run logs together, each to the end of the longest."""
     if len(logs) == 1:
         return [scan(estimators[0], logs[0])]
-    static = eqx.partition(estimators[0], eqx.is_array)[1]
-    arrays = [eqx.filter(e, eqx.is_array) for e in estimators]
-    params = jax.tree.map(lambda *leaves: np.stack(leaves), *arrays)
-    starts = [start(e) for e in estimators]
-    layout = starts[0][1]
-    states = jax.tree.map(lambda *leaves: np.stack(leaves), *[packed for packed, _ in starts])
+    alike = all(e is estimators[0] for e in estimators)
+    arrays, static = eqx.partition(estimators[0], eqx.is_array)
+    states, layout = start(estimators[0])
+    if alike:
+        params = arrays
+        states = jax.tree.map(lambda leaf: np.broadcast_to(leaf, (len(logs), *leaf.shape)), states)
+    else:
+        # fetched all at once: one by one, from a GPU, takes longer than all the steps
+        own = jax.device_get([(eqx.filter(e, eqx.is_array), start(e)[0]) for e in estimators])
+        params, states = jax.tree.map(lambda *leaves: np.stack(leaves), *own)
     each = [inputs(e, log) for e, log in zip(estimators, logs, strict=True)]
     parts: list[Row] = []
     longest = max(len(log) for log in logs)
@@ -125,8 +132,10 @@ def _run_group(estimators: list[Estimator[Any]], logs: list[Log]) -> list[Estima
         cuts = [cut(samples, dt, begin) for samples, dt in each]
         samples, dt = (np.stack(column) for column in zip(*cuts, strict=True))
         count = jnp.asarray(min(CHUNK, longest - begin))
-        states, rows = _compiled(params, static, layout, states, samples, dt, count)
-        parts.append(jax.tree.map(np.asarray, rows))
-    whole = jax.tree.map(lambda *leaves: np.concatenate(leaves, axis=1), *parts)
-    own = [jax.tree.map(lambda leaf, i=i: leaf[i, : len(logs[i])], whole) for i in range(len(logs))]
-    return [to_estimates(*one) for one in zip(estimators, logs, own, strict=True)]
+        states, rows = _compiled(params, static, layout, states, samples, dt, count, alike)
+        parts.append(jax.device_get(rows))
+    whole = parts[0]
+    if len(parts) > 1:
+        whole = jax.tree.map(lambda *leaves: np.concatenate(leaves, axis=1), *parts)
+    rows_of = [jax.tree.map(lambda leaf, i=i: leaf[i, : len(logs[i])], whole) for i in range(len(logs))]
+    return [to_estimates(*one) for one in zip(estimators, logs, rows_of, strict=True)]

@@ -113,9 +113,10 @@ def cut(
     samples: NDArray[np.float64], dt: NDArray[np.float64], begin: int, length: int = CHUNK
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """``length`` rows from row ``begin`` on, filled up with missing samples that take no time."""
-    part, steps = samples[begin : begin + length], dt[begin : begin + length]
-    pad = length - len(part)
-    return np.pad(part, ((0, pad), (0, 0)), constant_values=np.nan), np.pad(steps, (0, pad))
+    part = samples[begin : begin + length]
+    values, steps = np.full((length, samples.shape[1]), np.nan), np.zeros(length)
+    values[: len(part)], steps[: len(part)] = part, dt[begin : begin + length]
+    return values, steps
 
 
 def faults_found(
