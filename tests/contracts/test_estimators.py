@@ -16,6 +16,7 @@ import pytest
 
 from contracts.plausible import GRADE, mirrored, plausible_log, reflected
 from roadstate.core import CHANNELS, QUANTITIES, Estimates, InputError, Log, Validity, is_bound
+from roadstate.core.numerics import loop_options
 from roadstate.estimators import Estimator, all_estimators, build, runnable
 from roadstate.io.plausible import limit_of
 from roadstate.run import CHUNK, Stream, scan
@@ -360,9 +361,7 @@ def test_derivatives_are_finite(case: Case) -> None:
         return jax.tree.map(lambda leaf: jnp.asarray(leaf, leaf.dtype), state)
 
     # run fifty times, so what counts is how fast it compiles
-    quickly = {"xla_backend_optimization_level": 0, "xla_cpu_use_fusion_emitters": False}
-
-    @partial(eqx.filter_jit, compiler_options=quickly)
+    @partial(eqx.filter_jit, compiler_options=loop_options())
     @eqx.filter_grad(has_aux=True)
     def gradient(at: Any, sample: Any, dt: Any) -> tuple[Any, Any]:
         estimator, state = at
