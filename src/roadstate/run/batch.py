@@ -88,7 +88,8 @@ def batch(
         raise InputError("the estimators are not built alike", mend="build them for the same channels")
     on_cpu = jax.default_backend() == "cpu"
     workers = min(workers or (PER_PROCESSOR * (os.cpu_count() or 1) if on_cpu else 1), len(logs))
-    memory = memory or (_BUDGET if on_cpu else _BUDGET_ELSEWHERE)
+    if memory is None:
+        memory = _BUDGET if on_cpu else _BUDGET_ELSEWHERE
     per_log = CHUNK * (len(each[0].channels) + 1 + _ROW) * 8
     if together is None and on_cpu:
         together = 1
