@@ -6,7 +6,16 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from roadstate.estimators.agreement import agreed, is_proven, least_slip, most, proves, slips_least
+from roadstate.estimators.agreement import (
+    agreed,
+    is_proven,
+    is_sure,
+    least_slip,
+    most,
+    proves,
+    refutes,
+    slips_least,
+)
 
 ALL = jnp.ones(4, bool)
 DT = jnp.asarray(0.01)
@@ -70,11 +79,12 @@ class TestMost:
 
 
 class TestProof:
-    def seconds(self, members: list[bool]) -> float:
+    def seconds(self, members: list[bool], bears: float = 0.0) -> float:
         """Until wheels are believed."""
         proof, steps = jnp.zeros(()), 0
+        agree = jnp.asarray(members)
         while not is_proven(proof) and steps < 200:
-            proof, steps = proves(proof, jnp.asarray(members), ALL, DT), steps + 1
+            proof, steps = proves(proof, agree, is_sure(agree, ALL, jnp.asarray(bears)), DT), steps + 1
         return 0.01 * steps
 
     def test_three_have_to_agree_for_longer_than_all(self) -> None:
@@ -82,16 +92,40 @@ class TestProof:
         assert 0.3 < self.seconds([True, True, True, False]) < 0.8
         assert self.seconds([False] * 4) == 2.0
 
-    def test_once_proven_it_stays(self) -> None:
-        assert is_proven(proves(jnp.asarray(0.06), jnp.zeros(4, bool), ALL, DT))
-        assert proves(jnp.asarray(0.04), jnp.zeros(4, bool), ALL, DT) == 0.0
+    @pytest.mark.parametrize("bears", [-0.1, 0.1])
+    def test_so_have_all_while_a_force_may_make_them_slip_alike(self, bears: float) -> None:
+        assert 0.3 < self.seconds([True] * 4, bears) < 0.8
 
-    def test_three_of_four_are_taken_once_they_have_agreed_for_some_time(self) -> None:
-        three, speed = jnp.asarray([True, True, True, False]), jnp.asarray(10.0)
-        assert agreed(jnp.asarray(8.0), three, speed, ALL, jnp.asarray(0.005)) == 8.0
-        assert agreed(jnp.asarray(8.0), three, speed, ALL, jnp.asarray(0.02)) == 10.0
-        assert agreed(jnp.asarray(8.0), ALL, speed, ALL, jnp.zeros(())) == 10.0
-        assert agreed(jnp.asarray(8.0), jnp.zeros(4, bool), speed, ALL, jnp.asarray(1.0)) == 8.0
+    def test_once_proven_it_stays(self) -> None:
+        nothing, sure = jnp.zeros(4, bool), jnp.asarray(False)
+        assert is_proven(proves(jnp.asarray(0.06), nothing, sure, DT))
+        assert proves(jnp.asarray(0.04), nothing, sure, DT) == 0.0
+
+    def test_who_may_agree_by_chance_is_taken_after_some_time(self) -> None:
+        sure, unsure, speed = jnp.asarray(True), jnp.asarray(False), jnp.asarray(10.0)
+        three = jnp.asarray([True, True, True, False])
+        assert agreed(jnp.asarray(8.0), three, speed, unsure, jnp.asarray(0.005)) == 8.0
+        assert agreed(jnp.asarray(8.0), three, speed, unsure, jnp.asarray(0.02)) == 10.0
+        assert agreed(jnp.asarray(8.0), ALL, speed, sure, jnp.zeros(())) == 10.0
+        assert agreed(jnp.asarray(8.0), jnp.zeros(4, bool), speed, unsure, jnp.asarray(1.0)) == 8.0
+
+
+@pytest.mark.parametrize(
+    ("bears", "rolling", "expected"),
+    [
+        (-0.1, 12.0, True),  # braked, and faster than the car was thought to be
+        (-0.1, 8.0, False),  # as brakes do
+        (-0.1, 11.5, False),  # within what is not known
+        (0.1, 8.0, True),
+        (0.1, 12.0, False),
+        (0.0, 12.0, False),
+    ],
+)
+def test_a_wheel_refutes_a_speed_on_the_side_where_its_force_cannot_bring_it(
+    bears: float, rolling: float, expected: bool
+) -> None:
+    speed, spread = jnp.asarray(10.0), jnp.asarray(0.3)
+    assert bool(refutes(jnp.asarray(rolling), jnp.asarray(bears), speed, spread)) == expected
 
 
 def test_wheels_that_are_apart_and_nobody_knows_why_tell_less() -> None:

@@ -158,11 +158,14 @@ def test_brakes_that_rub_are_no_bias(
     assert np.abs(error)[log.time > 18].max() < 0.006
 
 
-def test_wheels_that_agree_by_chance_under_brakes_that_nothing_tells_of(vehicle: Vehicle) -> None:
-    """The log begins under anti-lock brakes on ice, at a moment when both rear wheels slip alike."""
+@pytest.mark.parametrize("lags", [(0.0, 0.6, 0.26, 0.28), (0.5, 0.52, 0.5, 0.51)])
+def test_wheels_that_agree_by_chance_under_brakes_that_nothing_tells_of(
+    vehicle: Vehicle, lags: tuple[float, ...]
+) -> None:
+    """The log begins under anti-lock brakes on ice, when both rear wheels, or all of them, slip alike."""
     time = np.arange(800) * DT
     speed = 16 - 0.9 * np.minimum(time, 6) + 0.4 * np.maximum(time - 6, 0)
-    phase = 2 * np.pi * (1.3 * time[:, None] - np.array([0.0, 0.6, 0.26, 0.28]))
+    phase = 2 * np.pi * (1.3 * time[:, None] - np.array(lags))
     slip = np.where(time[:, None] < 6, 0.2 * (1 - np.cos(phase)), 0.0)
     noise = np.random.default_rng(0).standard_normal((6, len(time)))
     gain = np.gradient(speed, DT)

@@ -12,10 +12,11 @@ DEAD_BAND = 0.7
 BEARS = 0.03
 """Force over load from which on its sign is known."""
 _PROVES = 0.05  # s for which all wheels agree until they are believed
-_OUTVOTED = 0.1  # what each second for which all but one agree counts for, s
+_UNSURE = 0.1  # what each second counts for, s, for which all but one agree, or all while their tires bear
 _TAKES = 0.01  # s of such until the speed of all but one is taken
 _CREEP = 0.1  # m/s²: how fast what they told of the speed before is let go of
 _LEAST_SLIP = (0.15, 0.015)  # m/s, and share of the speed: 1σ of what the wheel slips that slips least
+_OUTDOES = (1.0, 2.0)  # m/s, and σ, by which such a wheel refutes what wheels told before
 _PUZZLING = 0.2  # 1σ of that, as a share of what wheels are apart that do not race, either
 
 
@@ -43,6 +44,19 @@ def most(
     alike = alike & trusted & trusted[:, None]
     members = jnp.sum(alike, axis=1) >= jnp.maximum(jnp.sum(told) - 1, 2)
     return members, jnp.sum(jnp.where(members, rim, 0.0)) / jnp.maximum(jnp.sum(members), 1)
+
+
+def is_sure(members: Bool[Array, " 4"], told: Bool[Array, " 4"], bears: Float[Array, ""]) -> Bool[Array, ""]:
+    """Whether wheels do not agree by chance: all of them do, and no force makes them slip alike.
+
+    Anti-lock brakes may let go of all wheels at once, which are of one mind then as they turn round.
+
+    Args:
+        members: from :func:`most`.
+        told: the wheels that tell a speed.
+        bears: force over load in the mean.
+    """
+    return jnp.all(members == told) & (jnp.abs(bears) <= BEARS)
 
 
 def slips_least(
@@ -80,7 +94,7 @@ def agreed(
     least: Float[Array, ""],
     members: Bool[Array, " 4"],
     speed: Float[Array, ""],
-    told: Bool[Array, " 4"],
+    sure: Bool[Array, ""],
     proof: Float[Array, ""],
 ) -> Float[Array, ""]:
     """Speed to hold wheels against, m/s: that which most agree on, or else ``least``.
@@ -90,26 +104,42 @@ def agreed(
     Args:
         least: from :func:`slips_least`.
         members, speed: from :func:`most`.
-        told: the wheels that tell a speed.
+        sure: from :func:`is_sure`.
         proof: so far.
     """
-    taken = jnp.any(members) & (jnp.all(members == told) | (proof >= _TAKES))
+    taken = jnp.any(members) & (sure | (proof >= _TAKES))
     return jnp.where(taken, speed, least)
 
 
 def proves(
-    proof: Float[Array, ""], members: Bool[Array, " 4"], told: Bool[Array, " 4"], dt: Float[Array, ""]
+    proof: Float[Array, ""], members: Bool[Array, " 4"], sure: Bool[Array, ""], dt: Float[Array, ""]
 ) -> Float[Array, ""]:
     """s for which wheels have agreed on a speed, which stays once it is enough.
 
     Args:
         proof: so far.
         members: from :func:`most`.
-        told: the wheels that tell a speed.
+        sure: from :func:`is_sure`.
         dt: s.
     """
-    counts = jnp.where(jnp.all(members == told), 1.0, _OUTVOTED)
+    counts = jnp.where(sure, 1.0, _UNSURE)
     return jnp.where(is_proven(proof), proof, jnp.where(jnp.any(members), proof + counts * dt, 0.0))
+
+
+def refutes(
+    rolling: Float[Array, ""], bears: Float[Array, ""], speed: Float[Array, ""], spread: Float[Array, ""]
+) -> Bool[Array, ""]:
+    """Whether what wheels told of the speed was none: one turns faster though its tire slows the car down, or
+    more slowly though it pushes it.
+
+    Args:
+        rolling: speed of the wheel that slips least, m/s.
+        bears: force over load in the mean.
+        speed: as known so far, m/s, and
+        spread: its 1σ.
+    """
+    beyond = -jnp.sign(bears) * (rolling - speed)
+    return (jnp.abs(bears) > BEARS) & (beyond > _OUTDOES[0] + _OUTDOES[1] * spread)
 
 
 def least_slip(

@@ -15,6 +15,7 @@ from roadstate.core.constants import GRAVITY
 from roadstate.core.estimates import Validity
 from roadstate.core.gaussian import Info
 from roadstate.core.kernel import once
+from roadstate.estimators.agreement import is_proven, refutes
 from roadstate.estimators.along import BIAS, SCALE, SLOPE, SPEED, AlongModel
 from roadstate.estimators.along_input import AlongIntake
 from roadstate.estimators.astray import is_astray
@@ -298,7 +299,9 @@ class Joint(Estimator[JointState]):
         contradicted = jnp.where(jnp.abs(rolls - speed) > _WRONG, state.against + dt / _ROLLED, 0.0)
         against = jnp.where(contact.rolls, contradicted, against)
         astray = is_astray(along.gaussian, speed, along.gaussian.mean[SLOPE])
-        lost = (against >= _CONFIRMED) | turned | astray
+        spread, bears = along.gaussian.std[SPEED], jnp.mean(forces.over_load)
+        refuted = ~is_proven(contact.proof) & refutes(rolls, bears, speed, spread)
+        lost = (against >= _CONFIRMED) | turned | astray | refuted
         # what was learnt from a sensor that lies may be wrong
         spoilt = jnp.any(found & (GROUP != YAW)) | self._freezes(state, held, raw) | lost
         begin = jnp.where(lost, rolls, speed)

@@ -178,7 +178,8 @@ class TireContact(eqx.Module):
         turns = jnp.where(jnp.any(turns), turns, told)
         least = agreement.slips_least(rim, turns, jnp.mean(bears), before, unsure, dt)
         members, most = agreement.most(rim, told, outruns == 0.0)
-        least = agreement.agreed(least, members, most, told, state.proof)
+        sure = agreement.is_sure(members, told, jnp.mean(bears))
+        least = agreement.agreed(least, members, most, sure, state.proof)
         begins = several & ~is_proven
         # what is known of the speed tells nothing: wheels are held against the one that slips least
         vague = several & (begins | (spread > _VAGUE))
@@ -206,7 +207,7 @@ class TireContact(eqx.Module):
         lasting = unproven**2 + (_SLIP_SHARE * slip * speed) ** 2 + (_RUNAWAY[1] * away) ** 2
         lasting = lasting + (_LATE_ERROR * late * accel) ** 2
         lasting = _SLIP_TIME * lasting + _RACE_TIME * (_RACING[2] * doubtful) ** 2
-        proof = agreement.proves(jnp.where(is_proven & (spread > ANY), 0.0, state.proof), members, told, dt)
+        proof = agreement.proves(jnp.where(is_proven & (spread > ANY), 0.0, state.proof), members, sure, dt)
         slow = jnp.where(jnp.abs(rolling) < DEAD_BAND, _SLOW[0], 0.0)
         noise = self.noise
         std = jnp.sqrt(noise**2 + lasting / since + slow**2 * jnp.maximum(_SLOW[1] / since, 1.0))
