@@ -24,11 +24,10 @@ from roadstate.core import Log
 from roadstate.estimators import Estimator, build
 from roadstate.io import read
 from roadstate.io.mapping import DEFAULT_MAPPING
-from roadstate.run import batch, scan
+from roadstate.run import CHUNK, batch, scan
 from roadstate.vehicles import load_vehicle
 
 VEHICLE = "family-car"
-SAMPLES = 2048  # of each log: what a compiled loop takes at once
 RATE = 100.0  # samples a second
 HEAD = (
     "| device | what | at once | first call, s | again, s | µs a step and log | × real time |\n"
@@ -72,7 +71,7 @@ def a_drive(file: Path | None) -> Log:
     if file is not None:
         return DEFAULT_MAPPING.apply(read(file)).resample()
     whole = logs(VEHICLE, DRIVE, 1)[0][0]
-    return whole.between(whole.time[0], whole.time[SAMPLES])
+    return whole.between(whole.time[0], whole.time[CHUNK])
 
 
 def main() -> None:
