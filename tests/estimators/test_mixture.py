@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from roadstate.estimators.mixture import at_once, inherit, learn, likeliest, moments, weigh
+from roadstate.estimators.mixture import follow, inherit, learn, likeliest, moments, weigh
 
 Numbers = NDArray[np.float64]
 
@@ -48,20 +48,37 @@ def test_sides_learn_apart(three: tuple[Numbers, Numbers, Numbers]) -> None:
             np.testing.assert_allclose(np.asarray(one)[side], np.asarray(other), rtol=1e-12)
 
 
+ROW = np.array([[1.0, 0.5, -1.0], [0.3, 0.0, 2.0]])
+
+
 @pytest.mark.parametrize("innovation", [0.1, 6.0])
-def test_measurements_at_once_are_those_one_after_another(
+def test_an_error_that_does_not_last_is_learnt_from_by_all_alike(
     innovation: float, three: tuple[Numbers, Numbers, Numbers]
 ) -> None:
-    x, P, _ = map(jnp.asarray, three)
-    rows = jnp.asarray([[[1.0, 0.5, -1.0], [0.3, 0.0, 2.0]], [[0.2, -1.0, 1.0], [1.0, 0.4, 0.0]]])
-    innovations, noises = jnp.full((2, 3), innovation), jnp.asarray([[0.5, 1.0, 2.0], [0.1, 0.3, 4.0]])
-    mean, variance = at_once(x, P, rows, innovations, noises)
-    one, spread = x, P
-    for row, told, noise in zip(rows, innovations, noises, strict=True):
-        left = told - jnp.sum(row * (one - x), axis=0)
-        one, spread, _ = learn(one, spread, row, left, noise, jnp.asarray(1.0))
-    np.testing.assert_allclose(mean, one, rtol=1e-12)
-    np.testing.assert_allclose(variance, [spread[0, 0], spread[1, 1]], rtol=1e-12)
+    x, P, row, told, noise = map(jnp.asarray, (*three[:2], ROW, np.full(3, innovation), [0.5, 1.0, 2.0]))
+    takes = jnp.asarray(3.0)
+    found = follow(x, P, row, told, (noise, noise), (takes, takes), np.array([True, False]))
+    for one, other in zip(found, learn(x, P, row, told, noise, takes), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-12)
+
+
+def test_what_moves_follows_and_what_stays_does_not(three: tuple[Numbers, Numbers, Numbers]) -> None:
+    """Against Joseph's form, of two readings whose errors share the swift part."""
+    x, P, _ = three
+    swift, lasting, innovation = 0.2, 30.0, 1e-3
+    noise = jnp.full(3, swift), jnp.full(3, swift)
+    takes = jnp.asarray(1.0), jnp.asarray(lasting / swift)
+    told = map(jnp.asarray, (x, P, ROW, np.full(3, innovation)))
+    new, spread, _ = map(np.asarray, follow(*told, noise, takes, np.array([True, False])))
+    R = np.array([[swift, swift], [swift, lasting]])
+    for j in range(3):
+        h, before = ROW[:, j], P[:, :, j]
+        gain = before @ h / (h @ before @ h + np.diagonal(R))
+        left = np.eye(2) - np.outer(gain, h)
+        joseph = left @ before @ left.T + np.diag(gain) @ R @ np.diag(gain)
+        np.testing.assert_allclose(new[:, j], x[:, j] + gain * innovation, rtol=1e-6)
+        np.testing.assert_allclose(spread[:, :, j], joseph, rtol=1e-6, atol=1e-9)
+        assert np.linalg.eigvalsh(spread[:, :, j]).min() > 0
 
 
 def test_the_surest_of_equally_good_predictions_is_the_likeliest() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import equinox as eqx
@@ -20,7 +19,7 @@ from roadstate.estimators.base import leaf
 from roadstate.estimators.friction_curve import Grip, bounded, theoretical_slip
 from roadstate.estimators.friction_wheels import Aside, Wheels
 from roadstate.estimators.intake import SMOOTHING
-from roadstate.estimators.mixture import at_once, inherit, learn, likeliest, moments, padded, weigh
+from roadstate.estimators.mixture import follow, inherit, learn, likeliest, moments, padded, weigh
 from roadstate.estimators.sideways import (
     BANK,
     BIAS_R,
@@ -29,6 +28,7 @@ from roadstate.estimators.sideways import (
     FORCE_ERROR_TIME,
     GIVE_F,
     LEVER,
+    MOVES,
     SHAPE,
     SIZE,
     SLOWEST,
@@ -117,7 +117,6 @@ class _Told(NamedTuple):
     """What an axle's F_y/F_z tells under each of J hypotheses.
 
     Attributes:
-        at: the states that it is held against.
         row: its derivative by the states.
         innovation: by what it exceeds its prediction.
         noise: variance of its error.
@@ -125,7 +124,6 @@ class _Told(NamedTuple):
         known: whether it is measured.
     """
 
-    at: Float[Array, "n J"]
     row: Float[Array, "n J"]
     innovation: Float[Array, " J"]
     noise: Float[Array, " J"]
@@ -216,6 +214,7 @@ class FrictionBank(eqx.Module):
         step = jnp.maximum(dt, _LEAST_STEP)
         mixed = self._mixed(state, jnp.abs(touch.speed) * dt, dt)
         x, P = self.motion.moved(mixed.x, mixed.P, touch, dt)
+        soon = jnp.maximum(2 * FORCE_ERROR_TIME / step, 1.0)
         takes = jnp.maximum((2 * FORCE_ERROR_TIME + 1 / anew[:2]) / step, 1.0)
         speed = jnp.maximum(jnp.abs(touch.speed), SLOWEST)
         # beyond its peak a tire tells nothing of the sideslip: a car that is driven does not slide far, and
@@ -227,11 +226,11 @@ class FrictionBank(eqx.Module):
         x, P, _ = learn(x, P, row, -rear, likely**2, jnp.maximum(_SLIDES / step, 1.0))
         along = once(self.wheels.linear(mixed.y, touch))
         across_evidence: list[Array] = []
-        forces: list[_Told] = []
         for axle in range(2):
             force = self._told(x, touch, along, axle)
-            forces.append(force)
-            x, P, own = learn(x, P, force.row, force.innovation, force.noise, takes[axle])
+            # where a tire bends, its force tells little of how far it slips
+            noise, counts = (force.noise + (_BEND * force.bend) ** 2, force.noise), (soon, takes[axle])
+            x, P, own = follow(x, P, force.row, force.innovation, noise, counts, MOVES)
             likelihood = weigh(force.innovation, own, force.noise, takes[axle], whole[axle])
             across_evidence.append(jnp.where(force.known, likelihood, 0.0))
         angles = [self._angle(x, touch, speed, axle) for axle in range(2)]
@@ -247,7 +246,8 @@ class FrictionBank(eqx.Module):
         raised = once(mixed.weight * jnp.exp(evidence - most))
         total = jnp.sum(raised, axis=(0, 2), keepdims=True)
         weight = jnp.maximum(raised / total, _FLOOR)
-        merged = self._merged(x, P, forces, jnp.sum(weight[:, 0], axis=0))
+        variance = jnp.stack([P[i, i] for i in range(SIZE)])
+        merged = moments(x, variance, jnp.sum(weight[:, 0], axis=0))
         return BankState(weight, x, P, y, Y, merged, level), in_default((most + jnp.log(total))[0, 0, 0])
 
     def _told(self, x: Array, touch: Touch, along: Array, axle: int) -> _Told:
@@ -277,9 +277,7 @@ class FrictionBank(eqx.Module):
         known = jnp.isfinite(noise) & (jnp.abs(touch.speed) > SLOWEST)
         misread = (x[BIAS_Y] + x[LEVER] * touch.yaw_accel) / GRAVITY
         innovation = jnp.where(known, measured - here.across - misread, 0.0)
-        return _Told(
-            x, jnp.stack(rows), innovation, jnp.where(known, noise, 1e12), linear - here.across, known
-        )
+        return _Told(jnp.stack(rows), innovation, jnp.where(known, noise, 1e12), linear - here.across, known)
 
     def _of_jumps(self, jumps: slip_jump.Told) -> Float[Array, "3 7 J"]:
         """What the wheels' jumps tell each part. A road that has begun under several wheels has not reached
@@ -337,25 +335,8 @@ class FrictionBank(eqx.Module):
         return once(p / jnp.sum(p, axis=1, keepdims=True))
 
     def merged(self, state: BankState) -> tuple[Array, Array]:
-        """Mean (n,) and 1σ (n,) of :data:`STATES` over all hypotheses, with what the latest forces tell."""
+        """Mean (n,) and 1σ (n,) of :data:`STATES` over all hypotheses."""
         return in_default(state.merged)
-
-    def _merged(self, x: Array, P: Array, told: Sequence[_Told], weight: Array) -> tuple[Array, Array]:
-        """As :meth:`merged`.
-
-        An error of a force lasts, and as the filter has it no sample counts for more than its share of the
-        time in which it becomes another one: so its sideslip lags where a road's bank changes. But once, and
-        if that is not remembered, the latest forces may count for what they are.
-
-        Args:
-            x, P: after the latest forces.
-            told: by the forces of the axles.
-            weight: (J,) of the hypotheses.
-        """
-        rows = jnp.stack([t.row for t in told])
-        left = [t.innovation - jnp.sum(t.row * (x - t.at), axis=0) for t in told]
-        noises = jnp.stack([t.noise + (_BEND * t.bend) ** 2 for t in told])
-        return moments(*at_once(x, P, *once((rows, jnp.stack(left), noises))), weight)
 
     def is_sound(self, state: BankState) -> Bool[Array, ""]:
         """Whether what it weighs and says are numbers that a car may have."""

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array
+from numpy.typing import NDArray
 
 from roadstate.core.kernel import once
 from roadstate.linalg import root
 
 _ROBUST = 16.0  # squared deviations, over σ², from which on a sample counts less
 _FLAT = 1e-4  # curvature of a logarithm from which on a peak has a place between the grid's points
-_ROUNDING = 1e-6  # share of a variance that a difference of two may be wrong by
 _ONSET = 8.0  # squared deviations, over σ², that no lasting error explains
 
 
@@ -39,6 +40,39 @@ def learn(
     return x, P, own
 
 
+def follow(
+    x: Array,
+    P: Array,
+    row: Array,
+    innovation: Array,
+    noise: tuple[Array, Array],
+    takes: tuple[Array, Array],
+    moves: NDArray[np.bool_],
+) -> tuple[Array, Array, Array]:
+    """As :func:`learn`, of a sensor whose error has a swift part and one that lasts.
+
+    What moves follows all that is no swift error, or it would lag behind a disturbance for as long as the
+    error lasts; what stays as it is learns no sooner than the lasting part becomes another one. The
+    covariance is that of these gains (Joseph's form, which is right for any gain) if what stays is told the
+    same with so much more noise: as in a partial-update Schmidt–Kalman filter (Brink, *J. Guid. Control
+    Dyn.* 40(9), 2017), which weakens the gain of what hardly shows.
+
+    Args:
+        x, P, row, innovation: as there.
+        noise: variances of an independent sample, to what moves and to what stays.
+        takes: how many samples make an independent one, to either.
+        moves: (n,) which states move.
+    """
+    gain = jnp.sum(P * row[..., None, :, :], axis=-2)
+    own = jnp.sum(gain * row, axis=-2)
+    doubt = 1 + innovation**2 / (own + noise[1]) / _ROBUST
+    stays = own + noise[1] * takes[1] * doubt
+    swift = jnp.minimum(own + noise[0] * takes[0] * doubt, stays)
+    x = x + gain * jnp.where(moves[:, None], innovation / swift, innovation / stays)
+    either = (moves[:, None] | moves)[:, :, None]
+    return x, P - gain[:, None] * (gain * jnp.where(either, 1 / swift, 1 / stays)), own
+
+
 def weigh(innovation: Array, own: Array, noise: Array, takes: Array, whole: Array | float = 0.0) -> Array:
     """Log-likelihood (..., J) of a scalar measurement under each hypothesis.
 
@@ -56,31 +90,6 @@ def weigh(innovation: Array, own: Array, noise: Array, takes: Array, whole: Arra
     # is never refuted, and friction comes out too high; while nothing changes, every hypothesis predicts
     # well, noises are but roughly known, and the surest, a tire that slides, would win by the factor alone.
     return tempered(fresh, takes) - whole * 0.5 * jnp.log(own + noise) / takes
-
-
-def at_once(x: Array, P: Array, rows: Array, innovations: Array, noises: Array) -> tuple[Array, Array]:
-    """Means and variances (n, J) after k scalar measurements of one instant; of the covariance only those.
-
-    Args:
-        x: (n, J).
-        P: (n, n, J).
-        rows: (k, n, J) the sensors' derivatives.
-        innovations: (k, J).
-        noises: (k, J) their variances.
-    """
-    mean, variance = x, jnp.stack([P[i, i] for i in range(len(x))])
-    taken: list[tuple[Array, Array]] = []
-    for row, innovation, noise in zip(rows, innovations, noises, strict=True):
-        gain = jnp.sum(P * row[None], axis=1)
-        for other, total in taken:
-            gain = gain - other * (jnp.sum(other * row, axis=0) / total)
-        left = innovation - jnp.sum(row * (mean - x), axis=0)
-        own = jnp.sum(gain * row, axis=0)
-        total = own + noise * (1 + left**2 / (own + noise) / _ROBUST)
-        mean = mean + gain * (left / total)
-        variance = jnp.maximum(variance - gain * (gain / total), _ROUNDING * variance)
-        taken.append((gain, total))
-    return mean, variance
 
 
 def tempered(far: Array, takes: Array, most: float = 1.0) -> Array:

@@ -26,6 +26,8 @@ STATES = (
 )
 SIZE = len(STATES)
 V_Y, BANK, BANK_RATE, BIAS_Y, STIFF_F, STIFF_R, SHAPE, GIVE_F, STEER_BIAS, LEVER, BIAS_R = range(SIZE)
+MOVES = np.isin(np.arange(SIZE), [V_Y, BANK, BANK_RATE])
+"""Which of them are of the car's motion and the road's, not of the car."""
 BANK_LENGTH = 80.0
 """m over which a road keeps its bank."""
 _LASTING = 3600.0  # s
