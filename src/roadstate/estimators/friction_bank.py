@@ -54,9 +54,6 @@ _DRIFT = 0.1**2 / 300.0  # 1/m: variance of ln μ that is added by driving on
 _SIDESLIP = (0.1, 0.03)  # rad: 1σ of the rear axle's slip angle where friction is 1, and at the least
 _SLIDES = 1.0  # s in which it becomes another one
 _ANGLE_ERROR = 0.002  # rad: 1σ of a slip angle, besides what v_y and the steering's bias do to it
-# m: on a rough road it errs by this times the acceleration by which the forces are shaken, over v², besides:
-# as the road's sides rise and fall in turn the car leans, and drifts by what no bank foresees
-_WAVE = 1.2
 _BEND = 0.3  # 1σ of an axle's force, as a share of what it lacks of a linear one
 _ANEW = (0.06, 12.0)  # change of a force over load that tells anew; else it does after s
 _LEAST_STEP = 1e-3
@@ -272,8 +269,7 @@ class FrictionBank(eqx.Module):
         measured = touch.across[axle]
         noise = self._shake**2 + FORCE_ERROR[0] ** 2 + (FORCE_ERROR[1] * measured) ** 2
         noise = noise + touch.across_std[axle] ** 2 + touch.shaken[1] ** 2
-        leans = _WAVE * GRAVITY * touch.shaken[1] / speed**2
-        noise = noise * (1 + gives * by_angle) ** 2 + by_angle**2 * (_ANGLE_ERROR**2 + leans**2)
+        noise = noise * (1 + gives * by_angle) ** 2 + (_ANGLE_ERROR * by_angle) ** 2
         known = jnp.isfinite(noise) & (jnp.abs(touch.speed) > SLOWEST)
         misread = (x[BIAS_Y] + x[LEVER] * touch.yaw_accel) / GRAVITY
         innovation = jnp.where(known, measured - here.across - misread, 0.0)
