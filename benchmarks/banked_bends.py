@@ -100,9 +100,9 @@ def of_bends(logs: list[tuple[Log, Vehicle]]) -> dict[str, float]:
                 "lower bound too high": 100 * np.mean(values["friction_peak_lower"][late] > FRICTION),
                 "likeliest below half": 100 * np.mean(values["friction_peak"][late] < 0.5 * FRICTION),
                 "RMSE bank, %": 100 * np.sqrt(np.mean(wrong["bank"] ** 2)),
-                "inside": 100 * np.mean(inside["bank"]),
+                "bank inside": 100 * np.mean(inside["bank"]),
                 "RMSE v_y, m/s": np.sqrt(np.mean(wrong["velocity_y"] ** 2)),
-                "inside ": 100 * np.mean(inside["velocity_y"]),
+                "v_y inside": 100 * np.mean(inside["velocity_y"]),
             }
         )
     return {key: float(np.mean([row[key] for row in rows])) for key in rows[0]}
@@ -114,7 +114,7 @@ def main() -> None:
     print(
         f"# Banked bends\n\n`python -m benchmarks.banked_bends`: `joint` on a road of {FRICTION}; "
         f"{_RECORDINGS} recordings of each drive, without satellites; radius, bank, and where its run-off "
-        "lies. Shares of the samples in %; inside: the 95 % interval of what stands before it.\n"
+        "lies. Shares of the samples in %; inside: their 95 % intervals.\n"
     )
     for vehicle in VEHICLES:
         rows: dict[str, dict[str, float]] = {}
