@@ -31,13 +31,18 @@ def learn(
     Returns:
         x, P, and the variance (..., J) of the measurement that ``P`` had foreseen, but for noise.
     """
-    gain = jnp.sum(P * row[..., None, :, :], axis=-2)
-    own = jnp.sum(gain * row, axis=-2)
+    gain, own = _foreseen(P, row)
     far = innovation**2 / (own + noise)
     total = own + noise * takes * (1 + far / _ROBUST)
     x = x + gain * (innovation / total)[..., None, :]
     P = P - gain[..., None, :] * (gain / total[..., None, :])[..., None, :, :]
     return x, P, own
+
+
+def _foreseen(P: Array, row: Array) -> tuple[Array, Array]:
+    """Covariance (..., n, J) of states and measurement, and the latter's variance (..., J), but for noise."""
+    gain = jnp.sum(P * row[..., None, :, :], axis=-2)
+    return gain, jnp.sum(gain * row, axis=-2)
 
 
 def follow(
@@ -63,8 +68,7 @@ def follow(
         takes: how many samples make an independent one, to either.
         moves: (n,) which states move.
     """
-    gain = jnp.sum(P * row[..., None, :, :], axis=-2)
-    own = jnp.sum(gain * row, axis=-2)
+    gain, own = _foreseen(P, row)
     doubt = 1 + innovation**2 / (own + noise[1]) / _ROBUST
     stays = own + noise[1] * takes[1] * doubt
     swift = jnp.minimum(own + noise[0] * takes[0] * doubt, stays)
