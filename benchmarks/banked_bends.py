@@ -11,11 +11,12 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
+from benchmarks.accuracy.measures import covered, rmse
 from benchmarks.accuracy.run import without
 from benchmarks.accuracy.scenarios import SATELLITE, VEHICLES, Scenario, on_plant
 from benchmarks.real_logs import table
 
-from roadstate.core import Log
+from roadstate.core import Estimates, Log
 from roadstate.core.numerics import use_compilation_cache
 from roadstate.estimators import build
 from roadstate.run import batch
@@ -29,7 +30,6 @@ from roadstate.vehicles import Vehicle
 FRICTION = 0.9
 _STRAIGHT, _ARC = 140.0, 160.0  # m
 _SETTLES = 2.0  # s that do not count
-_NORMAL_95 = 1.959964
 _RECORDINGS = 5
 
 
@@ -86,23 +86,26 @@ def _prepared(vehicle: Vehicle, *, bends: Bends) -> Manoeuvre:
     return Manoeuvre("banked", "banked bends", road, bends.speed, drive, straight())
 
 
+def _inside(said: Estimates, log: Log, quantity: str) -> float:
+    held, total = covered(said, log, quantity, settle=_SETTLES) or (0, 0)
+    return 100 * held / max(total, 1)
+
+
 def of_bends(logs: list[tuple[Log, Vehicle]]) -> dict[str, float]:
     """What ``joint`` makes of the recordings of one drive, in the mean; shares of samples in %."""
     rows = []
     built = [build("joint", car, log.available) for log, car in logs]
     for (log, _), said in zip(logs, batch(built, [log for log, _ in logs]), strict=True):
-        late, values = log.time > _SETTLES, said.values
-        wrong = {q: (values[q] - log[f"ref_{q}"])[late] for q in ("bank", "velocity_y")}
-        inside = {q: np.abs(error) < _NORMAL_95 * said.std[q][late] for q, error in wrong.items()}
+        late, values = log.time - log.time[0] >= _SETTLES, said.values
         rows.append(
             {
                 "upper bound too low": 100 * np.mean(values["friction_peak_upper"][late] < FRICTION),
                 "lower bound too high": 100 * np.mean(values["friction_peak_lower"][late] > FRICTION),
                 "likeliest below half": 100 * np.mean(values["friction_peak"][late] < 0.5 * FRICTION),
-                "RMSE bank, %": 100 * np.sqrt(np.mean(wrong["bank"] ** 2)),
-                "bank inside": 100 * np.mean(inside["bank"]),
-                "RMSE v_y, m/s": np.sqrt(np.mean(wrong["velocity_y"] ** 2)),
-                "v_y inside": 100 * np.mean(inside["velocity_y"]),
+                "RMSE bank, %": 100 * rmse(said, log, "bank", settle=_SETTLES),
+                "bank inside": _inside(said, log, "bank"),
+                "RMSE v_y, m/s": rmse(said, log, "velocity_y", settle=_SETTLES),
+                "v_y inside": _inside(said, log, "velocity_y"),
             }
         )
     return {key: float(np.mean([row[key] for row in rows])) for key in rows[0]}
