@@ -13,6 +13,7 @@ from roadstate.core import Estimates, Log
 from roadstate.core.constants import GRAVITY
 from roadstate.core.numerics import use_compilation_cache
 from roadstate.estimators import build, runnable
+from roadstate.metrics import NORMAL_95
 from roadstate.run import scan
 from roadstate.vehicles import Vehicle
 from roadstate.vehicles.sensors import Accelerometer
@@ -51,7 +52,7 @@ def row(name: str, estimates: Estimates, log: Log, car: Vehicle) -> list[str]:
         slip = np.rad2deg(np.arctan2(estimates.values["velocity_y"], log["speed"]))
         truth = np.rad2deg(np.arctan2(log["ref_velocity_y"], log["speed"]))
         error = (estimates.values["velocity_y"] - log["ref_velocity_y"]) / estimates.std["velocity_y"]
-        inside = 100 * np.mean(np.abs(error[late]) < 1.96)
+        inside = 100 * np.mean(np.abs(error[late]) < NORMAL_95)
         r = np.corrcoef(slip[late], truth[late])[0, 1]
         cells[1:] = [f"{_rmse(slip - truth, late):.2f}", f"{r:.3f}", f"{inside:.0f} %"]
     for quantity, force in axle_forces(log, car).items():

@@ -19,7 +19,7 @@ from roadstate.core.constants import GRAVITY
 from roadstate.core.numerics import use_compilation_cache
 from roadstate.estimators import build
 from roadstate.io import load_mapping, read_all
-from roadstate.metrics import error_std, evaluate, reference_std
+from roadstate.metrics import NORMAL_95, error_std, evaluate, reference_std
 from roadstate.run import scan
 from roadstate.vehicles import Vehicle, load_vehicle
 
@@ -82,7 +82,7 @@ def judged(estimates: Estimates, log: Log, where: NDArray[np.bool_]) -> dict[str
     row = scores(100 * np.tan(estimates.values["grade"]), log, where)
     z = (estimates.values["grade"] - log["ref_grade"]) / error_std(estimates, log, "grade")
     z = z[where & np.isfinite(z)]
-    return row | {"coverage": float((np.abs(z) < 1.96).mean()), "NEES": float((z**2).mean())}
+    return row | {"coverage": float((np.abs(z) < NORMAL_95).mean()), "NEES": float((z**2).mean())}
 
 
 def table(title: str, rows: dict[str, dict[str, Any]]) -> str:

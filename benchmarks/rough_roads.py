@@ -21,6 +21,7 @@ from benchmarks.real_logs import moving_mean, table
 from roadstate.core import Log
 from roadstate.core.numerics import use_compilation_cache
 from roadstate.estimators import build
+from roadstate.metrics import NORMAL_95
 from roadstate.run import batch
 from roadstate.sim.manoeuvres import Manoeuvre
 from roadstate.sim.roads.roughness import rough_surface
@@ -30,7 +31,6 @@ CLASSES = ("A", "B", "C")
 _VEHICLES, _NAMES = ("family-car", "suv"), ("joint", "tfobe", "kmbe")
 _DRIVE, _LENGTH = "straight-variable-speed", 1200.0  # m
 _SETTLE = 5.0  # s that do not count
-_NORMAL_95 = 1.959964
 
 
 def prepared(vehicle: Vehicle, *, road_class: str) -> Manoeuvre:
@@ -58,7 +58,7 @@ def of_grade(name: str, logs: list[tuple[Log, Vehicle]]) -> dict[str, float]:
         errors.append(100 * (np.tan(said.values["grade"]) - truth)[used])
         stds.append(100 * said.std["grade"][used])
     error, std = np.concatenate(errors), np.concatenate(stds)
-    inside = 100 * float(np.mean(np.abs(error) <= _NORMAL_95 * std))
+    inside = 100 * float(np.mean(np.abs(error) <= NORMAL_95 * std))
     return {
         "RMSE": float(np.sqrt(np.mean(error**2))),
         "stated": float(np.sqrt(np.mean(std**2))),

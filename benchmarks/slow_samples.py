@@ -17,6 +17,7 @@ from benchmarks.real_logs import table
 from roadstate.core import Log
 from roadstate.core.numerics import use_compilation_cache
 from roadstate.estimators import build
+from roadstate.metrics import NORMAL_95
 from roadstate.run import batch
 from roadstate.vehicles import Vehicle
 
@@ -27,7 +28,6 @@ DRIVES = (
 _VEHICLES = ("family-car", "suv", "in-wheel-ev")
 _EVERY = (1, 2, 5, 10)
 _SETTLE = 5.0  # s that do not count, but of a drive that is hardly longer
-_NORMAL_95 = 1.959964
 _LOW = 0.6  # share of the road's friction below which a middle value is a false alarm
 
 
@@ -49,7 +49,7 @@ def judged(logs: list[tuple[Log, Vehicle]]) -> dict[str, float]:
             estimates.values[f"friction_peak{part}"][used] for part in ("_lower", "", "_upper")
         )
         grade.append(100 * error)
-        inside.append(np.abs(error) <= _NORMAL_95 * estimates.std["grade"][used])
+        inside.append(np.abs(error) <= NORMAL_95 * estimates.std["grade"][used])
         alarms.append(middle < _LOW * road)
         above.append(road >= low)
         below.append(road <= high)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roadstate.core import WHEELS, Estimates, Log, reference
-from roadstate.metrics import presented
+from roadstate.metrics import NORMAL_95, presented
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -22,7 +22,6 @@ CLASSES: Mapping[str, tuple[float, float]] = {
 }
 """Classes of the share of the friction that is used: from, below."""
 _STAYS = 0.1  # s for which a change must last to count
-_NORMAL_95 = 1.959964
 
 
 def peak_of(group: str) -> str:
@@ -115,7 +114,7 @@ def interval(estimates: Estimates, quantity: str) -> tuple[Array, Array] | None:
         return values[f"{quantity}_lower"], values[f"{quantity}_upper"]
     if quantity not in estimates.std:
         return None
-    reach = _NORMAL_95 * estimates.std[quantity]
+    reach = NORMAL_95 * estimates.std[quantity]
     return values[quantity] - reach, values[quantity] + reach
 
 

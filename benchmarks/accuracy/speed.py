@@ -12,11 +12,10 @@ from benchmarks.accuracy.scenarios import logs
 
 from roadstate.core import Log
 from roadstate.estimators import Estimator
-from roadstate.run import batch, scan
+from roadstate.run import CHUNK, batch, scan
 
 DRIVE = "straight-variable-speed"
 LOGS = 64  # from there on a step and log costs no less
-_CHUNK = 2048  # samples of a log in the batch: what `batch` takes at once
 _SECONDS = 60.0
 _REPEATS = 3
 
@@ -66,9 +65,9 @@ def _scan_us(estimator: Estimator[Any], log: Log) -> float:
 
 
 def _batch_us(estimator: Estimator[Any], log: Log) -> float:
-    many = [log.between(log.time[0], log.time[_CHUNK])] * LOGS
+    many = [log.between(log.time[0], log.time[CHUNK])] * LOGS
     batch(estimator, many)
-    return _timed(lambda: batch(estimator, many)) / (LOGS * _CHUNK) * 1e6
+    return _timed(lambda: batch(estimator, many)) / (LOGS * CHUNK) * 1e6
 
 
 def _timed(call: Callable[[], Any]) -> float:

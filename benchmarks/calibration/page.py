@@ -11,9 +11,10 @@ from benchmarks.accuracy.table import fitted, number, wrapped
 from benchmarks.calibration import friction, honesty
 from numpy.typing import NDArray
 
+from roadstate.metrics import NORMAL_95
+
 HONESTY = "Stated standard deviations"
 FRICTION = "Friction with what was learned from other drives"
-_NORMAL_95 = 1.959964
 _HONEST = (
     "Every seed's car is learned anew from its own recordings: mass and drag from `straight-variable-speed` "
     "(124 s), tires and the friction of dry roads from `slalom`, `double-lane-change-85-0.8` and "
@@ -41,7 +42,7 @@ def honest(found: honesty.Found, about: str) -> str:
     rows = []
     for (figure, vehicle), seen in sorted(found.items()):
         error, std = np.array(seen.learned), np.array(seen.std)
-        tries, inside = len(error) + sum(seen.refused.values()), np.abs(error) <= _NORMAL_95 * std
+        tries, inside = len(error) + sum(seen.refused.values()), np.abs(error) <= NORMAL_95 * std
         rows.append(
             (
                 figure,

@@ -14,7 +14,8 @@ from roadstate.core import QUANTITIES, REFERENCES, Estimates, InputError, Log, r
 
 Array = NDArray[np.float64]
 
-_NORMAL_95 = 1.959964  # two-sided 95 % of a normal distribution
+NORMAL_95 = 1.959964
+"""Two-sided 95 % of a normal distribution, in σ."""
 _MAD_TO_STD = 1.4826  # makes the median absolute deviation of a normal distribution its σ
 _SETTLED_FOR = 1.0  # s
 
@@ -212,7 +213,7 @@ def _metrics(quantity: str, values: Array, reference: Array, std: Array, settled
         correlation=_correlation(shown, truth),
         settle_s=settled,
         nees=float(np.mean(ratio**2)) if len(ratio) else None,
-        coverage95=float(np.mean(np.abs(ratio) <= _NORMAL_95)) if len(ratio) else None,
+        coverage95=float(np.mean(np.abs(ratio) <= NORMAL_95)) if len(ratio) else None,
         n=len(error),
     )
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from roadstate.core import WHEELS, Estimates, InputError, Log, reference
 from roadstate.cramer_rao import cramer_rao_bound
 from roadstate.estimators.friction import FrictionEstimator, normalized_tire
+from roadstate.metrics import NORMAL_95
 from roadstate.papers.base import Build, Measure
 from roadstate.run.chunk import cut, inputs
 from roadstate.sim.plant.base import Plant
@@ -123,7 +124,7 @@ def coverage(start: Start, after: float, quantity: str = "friction_peak") -> Mea
             return float("nan")
         used = log.time >= start(log) + after
         away = np.abs(estimates.values[quantity] - truth)[used] / estimates.std[quantity][used]
-        return float(100 * np.mean(away > 1.959964))
+        return float(100 * np.mean(away > NORMAL_95))
 
     return measure
 
