@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import zlib
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from threading import Barrier
@@ -96,6 +97,43 @@ jax.jit(lambda x: jax.numpy.linalg.qr(x @ x)[1])(jax.numpy.eye(40)).block_until_
     # whoever sets JAX_ENABLE_X64 decides on the precision
     assert python(code, ROADSTATE_CACHE=str(folder), JAX_ENABLE_X64="0") == f"{folder} {folder} float32"
     assert list(folder.iterdir())
+
+
+def test_a_program_that_was_not_written_to_its_end_is_compiled_and_kept_again(tmp_path: Path) -> None:
+    code = """
+import jax
+from roadstate.core.numerics import use_compilation_cache
+use_compilation_cache()
+jax.jit(lambda x: x @ x)(jax.numpy.eye(40)).block_until_ready()
+"""
+
+    kept = {"ROADSTATE_CACHE": str(tmp_path), "PYTHONWARNINGS": "error::UserWarning"}
+    python(code, **kept)
+    (program,) = tmp_path.glob("jit__lambda*-cache")
+    length = program.stat().st_size
+    os.truncate(program, length // 2)
+    python(code, **kept)  # without a word on it
+    assert abs(program.stat().st_size - length) < 100  # it holds how long the compiler took
+
+
+def test_what_is_in_the_cache_is_looked_through_once(tmp_path: Path) -> None:
+    whole, torn = tmp_path / "jit_a-cache", tmp_path / "jit_b-cache"
+    whole.write_bytes(zlib.compress(b"program" * 100))
+    torn.write_bytes(zlib.compress(b"program" * 100)[:-5])
+    (tmp_path / "jit_c-cache").touch()
+    numerics._drop_torn(tmp_path)
+    assert [path.name for path in tmp_path.glob("*-cache")] == ["jit_a-cache"]
+
+    numerics._drop_torn(tmp_path)  # the removal has made the folder newer than the look
+    os.utime(tmp_path / "looked-through", (4e9, 4e9))  # in a distant future
+    torn.write_bytes(b"x")
+    numerics._drop_torn(tmp_path)
+    assert torn.exists()
+    os.utime(tmp_path / "looked-through", (0, 0))
+    torn.write_bytes(b"(\xb5/\xfd")  # not of zlib
+    os.truncate(whole, 8)
+    numerics._drop_torn(tmp_path)
+    assert [path.name for path in tmp_path.glob("*-cache")] == ["jit_b-cache"]
 
 
 def test_the_cache_can_be_off(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

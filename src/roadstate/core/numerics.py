@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import zlib
 from collections.abc import Callable, Hashable
+from contextlib import suppress
 from functools import cache, wraps
 from pathlib import Path
 from threading import Lock
@@ -132,10 +134,40 @@ def use_compilation_cache(folder: str | Path | None = None) -> Path | None:
         path.mkdir(parents=True, exist_ok=True)
     except OSError:
         return None
+    with suppress(OSError):  # a folder that others fill and this user may only read
+        _drop_torn(path)
     jax.config.update("jax_compilation_cache_dir", str(path))  # type: ignore[no-untyped-call]
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)  # type: ignore[no-untyped-call]
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)  # type: ignore[no-untyped-call]
     return path
+
+
+def _drop_torn(folder: Path) -> None:
+    """Remove programs that were not written to their end, by a full disk or a process that was killed.
+
+    JAX would complain of each in every run, compile it again and never write it anew. What is older than the
+    last look has been looked at.
+    """
+    looked = folder / "looked-through"
+    last = looked.stat().st_mtime_ns if looked.exists() else 0
+    if folder.stat().st_mtime_ns < last:
+        return
+    looked.touch()
+    for entry in folder.glob("*-cache"):
+        if entry.stat().st_mtime_ns >= last and not _is_whole(entry.read_bytes()):
+            entry.unlink(missing_ok=True)
+
+
+def _is_whole(program: bytes) -> bool:
+    """Whether a compressed program has its end; what is not compressed by zlib is taken for whole."""
+    if program[:1] != b"\x78":
+        return bool(program)
+    reader = zlib.decompressobj()
+    try:
+        reader.decompress(program)
+    except zlib.error:
+        return False
+    return reader.eof
 
 
 def _default_folder() -> str:
