@@ -47,15 +47,18 @@ def pytest_collection_finish() -> None:
 def _forget_programs() -> Iterator[None]:
     """Let go of compiled programs, which otherwise come to gigabytes over a run, once there are many.
 
+    Each also takes three maps or four of memory, of which Linux gives a process 65 530; beyond them it ends.
     Not after every module: hundreds of small ones, such as those that build a plant, serve nearly all, and to
     look through them for what can go takes seconds.
     """
     yield
-    if memory() > share_of_memory():
+    if memory() > share_of_memory() or maps() > MOST_MAPS:
         jax.clear_caches()
         gc.collect()
         give_back()
 
+
+MOST_MAPS = 40_000  # a module adds up to ten thousand
 
 # all tests have the same one: what one has traced and compiled the next need not
 OPTIMISED = numerics.jit_loop(scan_steps)
@@ -95,6 +98,14 @@ def memory() -> float:
     except OSError:
         return math.inf
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e9
+
+
+def maps() -> int:
+    """How many maps of memory this process has; none where the system does not say."""
+    try:
+        return Path("/proc/self/maps").read_bytes().count(b"\n")
+    except OSError:
+        return 0
 
 
 @pytest.fixture(scope="session")
