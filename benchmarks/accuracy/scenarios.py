@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -51,12 +51,14 @@ class Scenario:
         title: one line.
         prepare: the manoeuvre, for a vehicle.
         is_long: over half a minute: recorded with few seeds only.
+        wind: velocity of the air along the world's x and y, m/s.
     """
 
     name: str
     title: str
     prepare: Callable[[Vehicle], Manoeuvre]
     is_long: bool = False
+    wind: tuple[float, float] = (0.0, 0.0)
 
 
 def few(seeds: int) -> int:
@@ -126,13 +128,15 @@ def _recorded(vehicle: Vehicle, scenario: Scenario, seeds: int) -> list[Log]:
     return list(recordings(driven(vehicle, scenario), _condition(vehicle, scenario), MISMATCHED, seeds))
 
 
-def _plant(vehicle: Vehicle) -> Plant:
-    return multibody_plant(vehicle, anti_lock=True, traction_control=True)
+def _plant(vehicle: Vehicle, wind: tuple[float, float]) -> Plant:
+    return multibody_plant(vehicle, anti_lock=True, traction_control=True, wind=wind)
 
 
 def _condition(vehicle: Vehicle, scenario: Scenario) -> Condition:
     sensors = sensor_preset("automotive")
-    return Condition(scenario.name, scenario.title, vehicle, scenario.prepare, _plant, sensors)
+    return Condition(
+        scenario.name, scenario.title, vehicle, scenario.prepare, partial(_plant, wind=scenario.wind), sensors
+    )
 
 
 @cache

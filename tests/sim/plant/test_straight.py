@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from tests.sim.plant.conftest import Plane, drive, samples
@@ -29,6 +31,25 @@ def test_coast_down(car: MultibodyPlant) -> None:
     rolling = vehicle.rolling_resistance
     share = float(-np.sum(car.tires.model.moments(0.0, 0.0, loads[0], 0.9, 15.0).M_y)) / R / loads[0].sum()
     assert share == pytest.approx(rolling.coefficient + rolling.speed_coefficient * 15**2, rel=0.02)
+
+
+def test_wind_is_resisted_by_what_flows_past_the_car(car: MultibodyPlant) -> None:
+    """−½ρ c_dA |u| u for u = v − w, whichever way the car faces; a car that goes with the wind feels none."""
+    area, half = float(car.aerodynamics.area[0]), 0.5 * 1.205
+    windy = eqx.tree_at(lambda p: p.aerodynamics.wind, car, jnp.asarray([6.0, -8.0, 0.0]))
+    level = jnp.eye(3)
+    force, _ = windy.aerodynamics.force(jnp.asarray([30.0, 0.0, 0.0]), level)
+    through = np.hypot(24.0, 8.0)
+    np.testing.assert_allclose(force[:2], half * area * through * np.array([-24.0, -8.0]))
+    still = windy.aerodynamics.force(jnp.asarray([6.0, -8.0, 0.0]), level)
+    np.testing.assert_allclose(np.concatenate(still), 0.0, atol=1e-6)
+    # turned by a right angle to the left, the car has the world's y ahead
+    R = jnp.asarray([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    force, _ = windy.aerodynamics.force(jnp.asarray([30.0, 0.0, 0.0]), R)
+    through = np.hypot(38.0, 6.0)
+    np.testing.assert_allclose(force[:2], half * area * through * np.array([-38.0, -6.0]))
+    built = multibody_plant(load_vehicle("family-car"), wind=(6.0, -8.0))
+    np.testing.assert_allclose(built.aerodynamics.wind, [6.0, -8.0, 0.0])
 
 
 def test_braking_in_a_straight_line(car: MultibodyPlant) -> None:

@@ -49,6 +49,7 @@ def multibody_plant(
     stiffness_follows_friction: bool = False,
     anti_lock: bool = False,
     traction_control: bool = False,
+    wind: tuple[float, float] = (0.0, 0.0),
     inner_step: float = 0.001,
 ) -> MultibodyPlant:
     """The reference plant of a vehicle.
@@ -60,6 +61,7 @@ def multibody_plant(
         tir: a tire property file instead of the package's tire, scaled.
         stiffness_follows_friction: as :func:`roadstate.sim.plant.tire_figures.plant_tire`.
         anti_lock, traction_control: whether the brakes' controls are on.
+        wind: velocity of the air along the world's x and y, m/s.
         inner_step: of the integration, s.
 
     Raises:
@@ -103,6 +105,7 @@ def multibody_plant(
                 area=np.array([vehicle.drag_area, lift.front * area, lift.rear * area]),
                 density=vehicle.aerodynamics.air_density,
                 axles=np.array([geometry.cg_to_front_axle, -geometry.cg_to_rear_axle]),
+                wind=np.array([*wind, 0.0]),
             )
         ),
         inner_step=inner_step,

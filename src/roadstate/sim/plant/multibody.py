@@ -17,7 +17,7 @@ from roadstate.sim.plant.contact import Contact, Frame, Ground, Tires, frames, g
 from roadstate.sim.plant.driveline import Drive, Driveline, Memory
 from roadstate.sim.plant.steering import Steering
 from roadstate.sim.plant.suspension import Suspension
-from roadstate.sim.plant.vectors import attitude_rate, cross, dot, rotation, settled, to_world
+from roadstate.sim.plant.vectors import attitude_rate, cross, dot, rotation, settled, to_body, to_world
 from roadstate.tires.base import as_leaf
 from roadstate.tires.smooth import Numbers
 
@@ -112,20 +112,24 @@ class Instant(NamedTuple):
 
 
 class Aerodynamics(eqx.Module):
-    """Drag along the motion and lift at the axles, in air at rest.
+    """Drag along the motion through the air, and lift at the axles; no force is due to flowing aside.
 
     Attributes:
         area: (3,) c_dA, and c_lA of the front and the rear axle, m².
         density: kg/m³.
         axles: (2,) x of the axles seen from the CG, m.
+        wind: (3,) velocity of the air in the world, m/s.
     """
 
     area: Numbers = eqx.field(converter=as_leaf)
     density: Numbers = eqx.field(converter=as_leaf)
     axles: Numbers = eqx.field(converter=as_leaf)
+    wind: Numbers = eqx.field(converter=as_leaf)
 
-    def force(self, velocity: Float[Array, " 3"]) -> tuple[Numbers, Numbers]:
-        """(3,) force (N) and (3,) torque about the CG (N·m) along the body's axes."""
+    def force(self, velocity: Float[Array, " 3"], R: Float[Array, "3 3"]) -> tuple[Numbers, Numbers]:
+        """(3,) force (N) and (3,) torque about the CG (N·m) along the body's axes, ``R`` from these to the
+        world's."""
+        velocity = velocity - to_body(R, self.wind)
         speed = jnp.sqrt(dot(velocity, velocity) + 1e-12)
         pressure = 0.5 * self.density * speed**2
         lift = pressure * self.area[1:]
@@ -209,7 +213,7 @@ class MultibodyPlant(eqx.Module):
 
         gyroscopic = cross(carrier_rate, axis * (chassis.spin_inertia * motion.spin))
         on_carrier = moment - (turned + brake_torque + drive.motor_torque) * axis - gyroscopic
-        drag, drag_torque = self.aerodynamics.force(motion.velocity)
+        drag, drag_torque = self.aerodynamics.force(motion.velocity, R)
         gravity = -GRAVITY * R[2]
         shafts = -jnp.sum(drive.shaft_torque * axis, axis=1)
         travel_force = self.suspension.elastic(motion.travel) + self.suspension.damping(motion.travel_rate)
