@@ -4,8 +4,8 @@ Run from the project's root: python -m benchmarks.drawn [--drives 30] [--save]
 
 The drives of the accuracy benchmark are smooth and level across, and each stands for one difficulty. Here
 each has a road of its own (grade, bank, bends, unevenness of ISO 8608 class A to C, pieces of friction from
-.1 to 1.05), speeds and pedals of its own, sensors (`automotive`) and a vehicle file of its own, off by 5 to
-10 %, on the multibody plant: about what the estimators' priors speak of.
+.1 to 1.05), speeds and pedals of its own, a wind, sensors (`automotive`) and a vehicle file of its own,
+off by 5 to 10 %, on the multibody plant: about what the estimators' priors speak of.
 """
 
 from __future__ import annotations

@@ -44,6 +44,7 @@ _CLASSES = ("A", "A", "B", "B", "B", "C")
 _SHARPEST = 30.0  # m of radius
 _ALONG = (0.1, 0.95)  # share of the usual friction that speeding up and braking ask for
 _SPEED = (8.0, 28.0)  # m/s
+_WIND = 2.5  # m/s: 1σ of the air's velocity each way, as high as a car
 _TRIES = 20
 
 
@@ -84,7 +85,9 @@ def drawn(vehicle: Vehicle, seed: int, roads: Roads = MIXED) -> tuple[Log, Vehic
     """
     for attempt in range(_TRIES):
         rng = np.random.default_rng([seed, attempt])
-        scenario = Scenario("drawn", "a drive drawn at random", partial(_manoeuvre, rng, roads))
+        x, y = _WIND * np.random.default_rng([seed, attempt, 1]).standard_normal(2)
+        prepare = partial(_manoeuvre, rng, roads)
+        scenario = Scenario("drawn", "a drive drawn at random", prepare, wind=(float(x), float(y)))
         try:
             truth = truth_table(driven(vehicle, scenario))
         except InputError:  # it leaves the road

@@ -24,7 +24,7 @@ from roadstate.vehicles import Vehicle, load_vehicle
 
 DT = 0.01
 NOISE = 0.05  # m/s: of a wheel's speed
-FORCES = {"drive": 1.1, "brake": 0.3, "drag": 0.5, "rolling": 9.8}
+FORCES = {"drive": 1.1, "brake": 0.3, "rolling": 9.8}
 CHANNELS = ("accel_x", *(f"wheel_speed_{w}" for w in WHEELS))
 
 
@@ -38,7 +38,7 @@ def given(speed: Numbers, accel: Numbers, slip: Numbers) -> AlongInput:
     zero = jnp.zeros(())
     return AlongInput(
         accel=zero + accel, by_torque=zero > 0, gaining=zero + accel, lean=zero + accel,
-        lasting=zero + accel, drive=zero, brake=zero, rolling=zero, drag=zero, lever=zero,
+        lasting=zero + accel, drive=zero, brake=zero, rolling=zero, lever=zero,
         speed=zero + speed, intensity=zero + 0.02, smooth_across=zero, turning=zero,
         pitching=Pitching(zero, zero), slip=jnp.full(4, slip), sensor_std=jnp.full(4, NOISE),
     )  # fmt: skip
@@ -66,8 +66,43 @@ def test_a_heavier_car_is_moved_less_by_torques_and_by_air() -> None:
     x[known.place("mass")] = share = 1e-4
     u = given(30.0, 0.0, 0.0)._replace(**{k: jnp.asarray(v) for k, v in FORCES.items()})
     told = known.h(jnp.asarray(x), u)[known.sensors.index("traction")]
-    force = FORCES["drive"] - FORCES["brake"] - FORCES["drag"]
+    force = FORCES["drive"] - FORCES["brake"] - float(known.air.drag) * 30.0**2
     assert float(told) == pytest.approx(force / (1 + share) - force, rel=1e-3)
+
+
+@pytest.mark.parametrize("wind", [0.0, 4.0, -4.0, -40.0])
+def test_a_headwind_and_a_larger_area_hold_the_car_back(wind: float) -> None:
+    """½ρ c_d A (1 + ε)(v + w)|v + w|/m instead of ½ρ c_d A v²/m; a storm from behind pushes."""
+    car = load_vehicle("family-car")
+    known = AlongModel(car, CHANNELS, torque_of="wheels")
+    x = jnp.zeros(len(known.states)).at[known.place("wind")].set(wind).at[known.place("drag_area")].set(0.1)
+    told = known.h(x, given(30.0, 0.0, 0.0))[known.sensors.index("traction")]
+    factor = 0.5 * car.aerodynamics.air_density * car.drag_area / car.mass
+    more = factor * (1.1 * (30.0 + wind) * abs(30.0 + wind) - 30.0**2)
+    assert float(told) == pytest.approx(-more)
+    found, row = known.headwind(x, jnp.asarray(30.0))
+    assert float(found) == pytest.approx(more)
+    np.testing.assert_allclose(row, jax.jacfwd(lambda x: known.headwind(x, jnp.asarray(30.0))[0])(x))
+
+
+def test_where_no_torque_tells_of_the_wind_it_is_what_it_may_be() -> None:
+    known = AlongModel(load_vehicle("family-car"), CHANNELS, torque_of="wheels")
+    prior, speed = known.prior(), jnp.asarray(-20.0)
+    row = known.headwind(prior.mean, speed)[1]
+    assert float(known.air.std(speed)) == pytest.approx(float(jnp.linalg.norm(row @ prior.factor)))
+
+
+def test_a_car_that_turns_has_another_wind_ahead() -> None:
+    known = AlongModel(load_vehicle("family-car"), CHANNELS, torque_of="wheels")
+    place = known.place("wind")
+    x, u, dt = jnp.zeros(len(known.states)).at[place].set(3.0), given(20.0, 0.0, 0.0), jnp.asarray(1.0)
+    straight, turned = (known.f(x, u._replace(turning=jnp.asarray(r)), dt)[place] for r in (0.0, -0.5))
+    assert float(straight) == pytest.approx(3.0, rel=0.01)
+    assert float(turned) == pytest.approx(3.0 * np.exp(-0.25), rel=0.01)
+    # and as much of it is not known any more
+    std = np.linalg.norm(np.asarray(known.prior().factor)[place])
+    noise = np.linalg.norm(np.asarray(known.sqrt_Q(u._replace(turning=jnp.asarray(-0.5)), dt))[place])
+    assert noise == pytest.approx(std * np.sqrt(1 - np.exp(-0.5)), rel=0.01)
 
 
 def test_without_an_accelerometer_torques_push_the_car_as_heavy_as_it_is() -> None:
@@ -77,7 +112,7 @@ def test_without_an_accelerometer_torques_push_the_car_as_heavy_as_it_is() -> No
     share = 1e-4
     x[known.place("mass")], x[BIAS], x[SLOPE] = share, 0.3, 0.1
     u = given(30.0, 0.0, 0.0)._replace(**{k: jnp.asarray(v) for k, v in FORCES.items()})
-    force = FORCES["drive"] - FORCES["brake"] - FORCES["drag"]
+    force = FORCES["drive"] - FORCES["brake"] - float(known.air.drag) * 30.0**2
     by_torque = u._replace(accel=jnp.asarray(force), by_torque=jnp.asarray(True))
     found = float(known.speeds_up(jnp.asarray(x), by_torque)) - force
     assert found == pytest.approx(force / (1 + share) - force - 0.1, abs=1e-3 * share * abs(force))

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from roadstate.core.channels import WHEELS
 from roadstate.core.constants import GRAVITY
 from roadstate.core.gaussian import Gaussian
+from roadstate.estimators.air import Air
 from roadstate.estimators.base import leaf
 from roadstate.estimators.intake import WHEEL_SPEEDS
 from roadstate.estimators.pitch import Pitching
@@ -33,6 +34,8 @@ _LASTING = 3600.0  # s over which what belongs to the car or its sensors keeps i
 _BRAKE_LASTING = 600.0  # s: pads warm up
 _CAUGHT = 2.0  # m/s: 1σ of what a sensor's lies do to the speed until they are found
 _BRAKE_TOLD = 0.05  # 1σ of a brake's torque that the car tells, as a share: pads are not measured
+# s for which the wind lasts, as it and what shelters from it change; rad of turning that make it another
+_WIND = (300.0, 2.0)
 _SLIP = (0.5, 1.0)  # 1σ of what wheels slip beyond their force, as a share of that, and s for which it lasts
 LATE = (0.06, 0.04)  # s by which a receiver's speed is late: mean and 1σ
 
@@ -49,7 +52,6 @@ class AlongInput(NamedTuple):
             multiply all that a rough road shakes the accelerometer by, it would pass for their effect.
         drive, brake: specific forces of drive and brakes as torques tell them, low-passed, m/s².
         rolling: g with the sign of the speed: what the coefficient of rolling resistance multiplies, m/s².
-        drag: specific force that air resists by, m/s².
         lever: what each N·m of the engine makes, in the gear in mesh, m/s²/(N·m).
         speed: so far, m/s.
         intensity: of the acceleration's white error, m/s²/√Hz.
@@ -68,7 +70,6 @@ class AlongInput(NamedTuple):
     drive: Float[Array, ""]
     brake: Float[Array, ""]
     rolling: Float[Array, ""]
-    drag: Float[Array, ""]
     lever: Float[Array, ""]
     speed: Float[Array, ""]
     intensity: Float[Array, ""]
@@ -80,30 +81,33 @@ class AlongInput(NamedTuple):
 
 
 class AlongModel(StateSpaceModel):
-    """Speed, slope, and the errors of sensors and car, as far as the channels tell of them; affine in x.
+    """Speed, slope, and the errors of sensors and car, as far as the channels tell of them.
 
-    x = [v_x, g sin θ, its rate of distance, b, κ | ψ_m | δk, b_q, δk_φ, φ_m | ε_σ | ε_m, γ_d, γ_b, δf, δT |
-    ε_R, δτ | Θ | z, z_wander], with v̇_x = a_x − b − κ ā_x − ψ_m ā_y − g sin θ + v_y r: bias, scale and
-    mounting yaw of the accelerometer (the last with a lateral one); with a pitch rate the errors of the
-    pitch gradient k, of the gyroscope, of the roll gradient and the mounting roll, and the body's nose-up
-    attitude Θ̇ = Θ̇_told + b_q + r (δk_φ ā_y + φ_m); with wheels how much more all of them slip than
-    their forces say; with torques the relative errors of mass, drive and brakes and δf, that of the
-    rolling resistance and of what wheels' torques tell where there is none, which of an engine's is δT; that
-    of the rolling radius, and by how much it is later than usual, with a speed that is not the wheels';
-    height with an altitude.
+    x = [v_x, g sin θ, its rate of distance, b, κ | ψ_m | δk, b_q, δk_φ, φ_m | ε_σ | ε_m, γ_d, γ_b, ε_a, w,
+    δf, δT | ε_R, δτ | Θ | z, z_wander], affine but for w, with v̇_x = a_x − b − κ ā_x − ψ_m ā_y − g sin θ +
+    v_y r: bias, scale and mounting yaw of the accelerometer (the last with a lateral one); with a pitch rate
+    the errors of the pitch gradient k, of the gyroscope, of the roll gradient and the mounting roll, and the
+    body's nose-up attitude Θ̇ = Θ̇_told + b_q + r (δk_φ ā_y + φ_m); with wheels how much more all of them slip
+    than their forces say; with torques the relative errors of mass, drive, brakes and drag area, the wind w
+    from ahead, and δf, that of the rolling resistance and of what wheels' torques tell where there is none,
+    which of an engine's is δT; that of the rolling radius, and by how much it is later than usual, with a
+    speed that is not the wheels'; height with an altitude.
 
     Sensors: the wheels' speeds (freed of yaw and of the slip σ_i that their forces make: v_x + |v| σ_i ε_σ),
     the speed signal, late by a time τ of its own: v_x − τ v̇; altitude, rate of climb;
     ``traction``: how much more the accelerometer reads than the torques explain, b + κ ā_x + ψ_m ā_y +
-    (γ_d − ε_m) a_d − (γ_b − ε_m) a_b + ε_m a_air − δf g + δT ∂a_d/∂T; ``attitude``: how much more the body
-    pitches than by the slope and its lean, 0 = Θ − θ − k ℓ − δk ā_x, ℓ the lean in terms of a lasting force,
-    ā_x what lasts.
+    (γ_d − ε_m) a_d − (γ_b − ε_m) a_b + ε_m a_air − Δa_air − δf g + δT ∂a_d/∂T, where air resists by a_air =
+    d v|v| at rest and Δa_air = (1 + ε_a) d (v + w)|v + w| − d v|v| more in fact; ``attitude``: how much more
+    the body pitches than by the slope and its lean, 0 = Θ − θ − k ℓ − δk ā_x, ℓ the lean in terms of a
+    lasting force, ā_x what lasts.
 
     Attributes:
         road: how g sin θ changes along the road.
         slow_factor: of the covariance of the states from b to δτ: κ = g δk + the accelerometer's own.
         slow_time: s, how long they last.
         wander: 1σ (m) and duration (s) of the altitude's slow error.
+        lean_gradient: pitch of the body over the specific force that it is due to, rad/(m/s²).
+        air: how it holds the car back.
     """
 
     states: tuple[str, ...] = eqx.field(static=True)
@@ -113,6 +117,7 @@ class AlongModel(StateSpaceModel):
     slow_time: Float[Array, " k"]
     wander: Float[Array, " 2"]
     lean_gradient: Float[Array, ""]
+    air: Air
 
     def __init__(
         self, vehicle: Vehicle, available: Collection[str], *, torque_of: Literal["wheels", "engine"] | None
@@ -141,6 +146,8 @@ class AlongModel(StateSpaceModel):
             slow["drive_gain"] = (torque.relative, _LASTING)
             told = max(torque.relative, _BRAKE_TOLD)
             slow["brake_gain"] = (told if measured else BRAKE_RELATIVE, _BRAKE_LASTING)
+            slow["drag_area"] = (prior.drag_relative, _LASTING)
+            slow["wind"] = (prior.wind_std, _WIND[0])
             zero = _as_resistance(vehicle, torque.bias) if at_wheels else 0.0
             slow["resistance"] = (float(np.hypot(prior.rolling_resistance_std, zero)), _LASTING)
             if not at_wheels:  # low gears multiply what an engine's torque is off by
@@ -157,6 +164,7 @@ class AlongModel(StateSpaceModel):
         self.road = GradePrior(leaf(GRAVITY * prior.grade_std), leaf(prior.grade_correlation_length))
         self.slow_factor = jnp.asarray(_slow_factor({name: std for name, (std, _) in slow.items()}))
         self.lean_gradient = leaf(vehicle.body.pitch_gradient)
+        self.air = Air(vehicle)
         self.slow_time = jnp.asarray(np.array([time for _, time in slow.values()]))
         self.wander = jnp.asarray([sensors.altitude.wander, sensors.altitude.wander_time])
 
@@ -168,7 +176,7 @@ class AlongModel(StateSpaceModel):
         """Explicit Euler in the speed, exact in the rest."""
         count = len(self.slow_time)
         road = self.road.transition(u.speed * dt) @ x[1:3]
-        slow = x[3 : 3 + count] * jnp.exp(-dt / self.slow_time)
+        slow = x[3 : 3 + count] * jnp.exp(-dt * self._fades(u))
         parts = [x[:1] + dt * self.speeds_up(x, u), road, slow]
         if "attitude" in self.states:
             roll = x[self.place("mounting_roll")] + x[self.place("roll_gradient")] * u.smooth_across
@@ -190,12 +198,33 @@ class AlongModel(StateSpaceModel):
         """By how much less torques explain than there is, m/s²; nothing where none are told."""
         if "mass" not in self.states:
             return jnp.zeros(())
-        mass, drive, brake, resistance = (x[self.place("mass") + i] for i in range(4))
-        gains = (drive - mass) * u.drive - (brake - mass) * u.brake + mass * u.drag
-        gains -= resistance * u.rolling
+        mass, drive, brake = (x[self.place("mass") + i] for i in range(3))
+        gains = (drive - mass) * u.drive - (brake - mass) * u.brake + mass * self.air.resists(u.speed)
+        gains -= self.headwind(x, u.speed)[0] + x[self.place("resistance")] * u.rolling
         if "torque_zero" in self.states:
             gains += x[self.place("torque_zero")] * u.lever
         return gains
+
+    def headwind(self, x: Float[Array, " n"], speed: Float[Array, ""]) -> tuple[Array, Float[Array, " n"]]:
+        """By how much air resists more than it would at rest by the file, m/s², and its derivative.
+
+        Args:
+            x: states, among them those of torques.
+            speed: m/s.
+        """
+        area, wind = self.place("drag_area"), self.place("wind")
+        through, factor = speed + x[wind], 1 + x[area]
+        resists = self.air.resists(through)
+        row = jnp.zeros_like(x).at[area].set(resists)
+        row = row.at[wind].set(2 * factor * self.air.drag * jnp.abs(through))
+        return factor * resists - self.air.resists(speed), row
+
+    def _fades(self, u: AlongInput) -> Float[Array, " k"]:
+        """1/s by which slow states fade: a wind from ahead comes from aside as the car turns."""
+        rate = 1 / self.slow_time
+        if "wind" in self.states:
+            rate = rate.at[self.place("wind") - 3].add(jnp.abs(u.turning) / _WIND[1])
+        return rate
 
     def speeds_up(self, x: Float[Array, " n"], u: AlongInput) -> Float[Array, ""]:
         """dv_x/dt, m/s²: by the accelerometer, or by torques and what has been learnt of those."""
@@ -241,7 +270,7 @@ class AlongModel(StateSpaceModel):
 
     def sqrt_Q(self, u: AlongInput, dt: Float[Array, ""]) -> Float[Array, "n n"]:
         """White acceleration, the road, and what slowly forgets."""
-        slow = root(-jnp.expm1(-2 * dt / self.slow_time))[:, None] * self.slow_factor
+        slow = root(-jnp.expm1(-2 * dt * self._fades(u)))[:, None] * self.slow_factor
         blocks = [u.intensity[None, None] * root(dt), self.road.sqrt_Q(u.speed * dt), slow]
         if "attitude" in self.states:
             blocks.append(u.pitching.intensity[None, None] * root(dt))

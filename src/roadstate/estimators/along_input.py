@@ -63,7 +63,6 @@ class AlongIntake(eqx.Module):
         sensor_std: (m,) 1σ of a sample, as the vehicle file says.
         accel_noise: of the longitudinal accelerometer, m/s²/√Hz.
         pitching: what a body that leans for good adds to a specific force, as a share of it.
-        drag: specific force that air resists by, over the speed's square, 1/m.
     """
 
     sensors: tuple[str, ...] = eqx.field(static=True)
@@ -75,7 +74,6 @@ class AlongIntake(eqx.Module):
     sensor_std: Float[Array, " m"]
     accel_noise: Float[Array, ""]
     pitching: Float[Array, ""]
-    drag: Float[Array, ""]
 
     def __init__(
         self, vehicle: Vehicle, sensors: tuple[str, ...], available: Collection[str], *, knows_brakes: bool
@@ -97,7 +95,6 @@ class AlongIntake(eqx.Module):
         self.sensor_std = jnp.asarray(np.array([noise.get(s, wheel) for s in sensors]))
         self.accel_noise = leaf(own.accel.noise_density)
         self.pitching = leaf(GRAVITY * vehicle.body.pitch_gradient)
-        self.drag = leaf(vehicle.drag_factor / vehicle.mass)
 
     def start(self) -> Unrest:
         """No innovation has come yet."""
@@ -184,7 +181,6 @@ class AlongIntake(eqx.Module):
             drive=forces.drive,
             brake=forces.brake,
             rolling=forces.rolling,
-            drag=self.drag * speed * jnp.abs(speed),
             lever=forces.lever,
             speed=speed,
             intensity=intensity,

@@ -15,6 +15,7 @@ from roadstate.core.channels import WHEELS
 from roadstate.core.constants import GRAVITY
 from roadstate.core.estimates import Validity
 from roadstate.core.gaussian import Gaussian, Info
+from roadstate.estimators.air import Air
 from roadstate.estimators.astray import is_astray, led_back
 from roadstate.estimators.axle_forces import held_back
 from roadstate.estimators.base import Estimate, Estimator, Need, Sample, Smoothable, known_only, leaf
@@ -130,7 +131,7 @@ class DEBE(Estimator[DEBEState]):
 
     Beyond the paper: rotating inertia, rolling resistance growing with speed, overrun losses, and cornering
     drag a_y (l_r α_f + l_f α_r)/L from the yaw rate. Errors of mass, efficiency, drag and rolling resistance
-    do not average out; the vehicle file's 1σ of each is part of every standard deviation given.
+    and a wind do not average out; the vehicle file's 1σ of each is part of every standard deviation given.
 
     Attributes:
         model: the state-space model.
@@ -171,7 +172,7 @@ class DEBE(Estimator[DEBEState]):
     front_share: Float[Array, ""]
     drive_relative: Float[Array, ""]
     torque_bias: Float[Array, ""]
-    drag_relative: Float[Array, ""]
+    air: Air
     rolling_std: Float[Array, ""]
     speed_scale: Float[Array, ""]
 
@@ -222,7 +223,7 @@ class DEBE(Estimator[DEBEState]):
             front_share=leaf(front_share),
             drive_relative=leaf(hypot(torque.relative, prior.mass_relative)),
             torque_bias=leaf(torque.bias * max(measured, 1) ** 0.5),
-            drag_relative=leaf(prior.drag_relative),
+            air=Air(vehicle),
             rolling_std=leaf(prior.rolling_resistance_std),
             speed_scale=leaf(vehicle.sensors.wheel_speed.scale),
         )
@@ -298,7 +299,7 @@ class DEBE(Estimator[DEBEState]):
         error = jnp.sqrt(
             (self.drive_relative * drive.drive_force / (self.mass * GRAVITY)) ** 2
             + (self.torque_bias * drive.lever / (self.mass * GRAVITY)) ** 2
-            + (self.drag_relative * self.model.drag * speed**2 / GRAVITY) ** 2
+            + (self.air.std(speed) / GRAVITY) ** 2
             + self.rolling_std**2
             + jnp.where(watch.coasting & (not self.traction.knows_brakes), _UNSEEN_BRAKE / GRAVITY, 0.0) ** 2
         )

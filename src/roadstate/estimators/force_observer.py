@@ -13,6 +13,7 @@ from jaxtyping import Array, Bool, Float
 from roadstate.core.channels import WHEELS
 from roadstate.core.constants import GRAVITY
 from roadstate.core.gaussian import Info
+from roadstate.estimators.air import Air
 from roadstate.estimators.axle_forces import held_back
 from roadstate.estimators.base import Sample, leaf
 from roadstate.estimators.signals import (
@@ -116,7 +117,8 @@ class ForceObserver(eqx.Module):
     _sample_std: Float[Array, " 2"]
     _driven: Float[Array, " 4"]
     _largest_torque: Float[Array, ""]
-    _unseen: Float[Array, " 2"]
+    _air: Air
+    _tilt: Float[Array, ""]
 
     def __init__(self, vehicle: Vehicle, available: Collection[str]) -> None:
         traction, sensors = TractionMeter(vehicle, available), vehicle.sensors
@@ -127,14 +129,14 @@ class ForceObserver(eqx.Module):
         self.model = TireForceModel(vehicle, torque.relative, torque.relative if measured else BRAKE_RELATIVE)
         self.filter = MarginalUKF(gate=GateRule())
         self._traction = traction
-        body, prior = vehicle.body, vehicle.prior
+        body = vehicle.body
         self._lean = jnp.asarray(1 + GRAVITY * np.array([body.pitch_gradient, body.roll_gradient, 0.0]))
         self._accel_noise = leaf(sensors.accel.noise_density)
         self._sample_std = jnp.asarray(np.array([sensors.yaw_rate.noise, sensors.wheel_speed.noise]))
         driven = np.array(vehicle.driveline.drives)
         self._driven = jnp.asarray(driven / driven.sum())
         self._largest_torque = leaf(0.7 * vehicle.mass * GRAVITY * vehicle.wheels.radius)
-        self._unseen = jnp.asarray(np.array([prior.drag_relative, sensors.accel.bias / GRAVITY]))
+        self._air, self._tilt = Air(vehicle), leaf(sensors.accel.bias / GRAVITY)
 
     def init(self) -> ForceState:
         """The prior; no sample has come."""
@@ -214,7 +216,8 @@ class ForceObserver(eqx.Module):
         rows = filtered.gaussian.factor[FORCE_X.start :, :SLOW]
         slow = jnp.sqrt(
             jnp.sum(jnp.sum(u.gain[0][:, None] * rows, axis=0) ** 2)
-            + jnp.sum((self._unseen * jnp.stack([drag, accel[1]])) ** 2)
+            + self._air.std(speed) ** 2
+            + (self._tilt * accel[1]) ** 2
         )
         by_torque = jnp.sqrt(jnp.sum(noise**2)) / (radius * mass)
         by_accel = jnp.where(held["accel_x"].age < _STALE, self._accel_noise, 10 * UNKNOWN["brake"])

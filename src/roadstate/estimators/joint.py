@@ -48,7 +48,7 @@ from roadstate.estimators.sideways import BANK, V_Y
 from roadstate.estimators.signals import NEVER
 from roadstate.estimators.tire_contact import ContactState
 from roadstate.estimators.watch import Watch, WatchState
-from roadstate.filters import KF, FilterState, GateRule
+from roadstate.filters import EKF, FilterState, GateRule
 from roadstate.filters.base import select
 from roadstate.linalg import root, rss
 
@@ -113,9 +113,9 @@ class Joint(Estimator[JointState]):
 
     Three parts that inform each other at every sample, each exact for what it holds:
 
-    - :class:`~roadstate.estimators.along.AlongModel`, a Kalman filter of speed and slope in which
+    - :class:`~roadstate.estimators.along.AlongModel`, an extended Kalman filter of speed and slope in which
       accelerometer, wheels, torques and satellites meet, and what they disagree by (bias, pitch and scale,
-      mass, gains of drive and brakes, rolling resistance, rolling radius) is learned;
+      mass, gains of drive and brakes, drag, wind, rolling resistance and radius) is learned;
     - :class:`~roadstate.estimators.contact_forces.ForceMeter`, a balance of forces that needs no tire model;
     - :class:`~roadstate.estimators.friction_bank.FrictionBank`, which asks of every friction at once how well
       it goes with these forces, given the slip: sideslip, bank, stiffness and shape of the tires are
@@ -161,7 +161,7 @@ class Joint(Estimator[JointState]):
     trust: Plausibility
     forces: ForceMeter
     along: AlongModel
-    filter: KF
+    filter: EKF
     bank: FrictionBank
     pitch: PitchMeter
     roll: RollMeter
@@ -193,7 +193,7 @@ class Joint(Estimator[JointState]):
             trust=Plausibility(vehicle, available),
             forces=forces,
             along=model,
-            filter=KF(gate=GateRule(patience=_PATIENCE)),
+            filter=EKF(gate=GateRule(patience=_PATIENCE)),
             bank=FrictionBank(vehicle, reads_roll="roll_rate" in available),
             pitch=PitchMeter(vehicle),
             roll=RollMeter(vehicle),

@@ -154,10 +154,10 @@ def _along(joint: Joint, state: JointState, scale: Array) -> tuple[Array, Array]
     """
     forces, mean, std = state.latest, state.along.gaussian.mean, state.along.gaussian.std
     measured, told, names = forces.now.along, forces.now.told, joint.along.states
-    mass = joint.forces.car.mass
+    mass, speed = joint.forces.car.mass, mean[SPEED]
     aside = std[names.index("mounting_yaw")] * forces.accel[1] if "mounting_yaw" in names else 0.0
     if "mass" not in names:
-        lasting = rss(std[BIAS], std[SCALE] * forces.accel[0], aside)
+        lasting = rss(std[BIAS], std[SCALE] * forces.accel[0], aside, joint.along.air.std(speed))
         return measured, mass * lasting * by_axle(joint.forces.driven)
     parts = {"drive_gain": forces.drive, "brake_gain": -forces.brake, "resistance": -forces.rolling}
     if "torque_zero" in names:
@@ -168,11 +168,15 @@ def _along(joint: Joint, state: JointState, scale: Array) -> tuple[Array, Array]
     gained = jnp.stack([jnp.sum(measured - by_axle(forces.along)), jnp.sum(told - by_axle(forces.told))])
     swift = jnp.asarray(_SWIFT, gained.dtype) * (gained / mass) ** 2
     fitted = _FITTED * 2 * SMOOTHING / joint.signals.memory[ACCEL_X]
-    lasting = jnp.stack([std[BIAS] ** 2 + aside**2, jnp.sum((std[figures] * known) ** 2)])
+    # what torques tell apart is by how much the accelerometer reads too high less what air resists more
+    more, row = joint.along.headwind(mean, speed)
+    felt = jnp.sum((row.at[BIAS].add(-1.0) @ state.along.gaussian.factor) ** 2)
+    lasting = jnp.stack([felt + aside**2, jnp.sum((std[figures] * known) ** 2)])
     by_accel = fitted * noise[0] ** 2 + noise[2] ** 2 + lasting[0] + swift[0]
     by_torque = noise[1] ** 2 + swift[1] + lasting[1]
     size = jnp.abs(told) + _LEAST_FORCE
     part = size / jnp.sum(size)
+    measured = measured + mass * more * part
     told = (told + mass * jnp.sum(mean[figures] * known) * part) / scale
     # a torque that is silent or lies has no say
     share = jnp.where(forces.age < STALE, by_torque / (by_torque + by_accel), 1.0)

@@ -46,7 +46,7 @@ def as_fitted(vehicle: Vehicle) -> Vehicle:
             update={"noise": 3.2, "bias": 0.0, "relative": 0.002}
         ),
     }
-    known = {"mass_relative": 0.01, "drag_relative": 0.02, "rolling_resistance_std": 0.0005}
+    known = {"mass_relative": 0.01, "drag_relative": 0.02, "wind_std": 0.0, "rolling_resistance_std": 0.0005}
     return vehicle.model_copy(
         update={
             "sensors": sensors.model_copy(update=fitted),

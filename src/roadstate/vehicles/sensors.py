@@ -27,6 +27,7 @@ _RoadLength = Annotated[float, Quantity("m", 1, 1e5)]
 _RollingCoefficient = Annotated[float, Quantity("-", 0, 0.1)]
 _PitchGradient = Annotated[float, Quantity("rad/(m/s^2)", 0, 0.05)]
 _SteerError = Annotated[float, Quantity("rad", 0, 0.2)]
+_WindSpeed = Annotated[float, Quantity("m/s", 0, 50)]
 _Duration = Annotated[float, Quantity("s", 0.1, 1e5)]
 _ShapeError = Annotated[float, Quantity("-", 0, 0.5)]
 
@@ -174,6 +175,8 @@ class Prior(Section):
     """1σ of the mass, as a share of it (one to five people and their luggage)"""
     drag_relative: _Share = 0.1
     """1σ of drag coefficient × area × air density, as a share of it (wind not included)"""
+    wind_std: _WindSpeed = 2.5
+    """1σ of the wind along the car, as high above the road as it is (3.1 m/s from anywhere, SAE J1252)"""
     rolling_resistance_std: _RollingCoefficient = 0.002
     """1σ of the rolling-resistance coefficient"""
     pitch_gradient_std: _PitchGradient = 0.002
