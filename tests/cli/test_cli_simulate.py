@@ -43,6 +43,24 @@ def test_a_car_that_is_not_as_its_file_says(run: Run, tmp_path: Path) -> None:
     assert np.nanmean(load) == pytest.approx(1.1 * load_vehicle("family-car").mass * 9.80665, rel=0.03)
 
 
+def test_a_wind_from_ahead_stops_a_coasting_car_sooner(run: Run, tmp_path: Path) -> None:
+    """By ½ρ c_d A (v + w)², whichever way the road leads."""
+    road = tmp_path / "road.yaml"
+    road.write_text("heading: 90 deg\ncentreline: [{length: 1500 m}]\n")
+    words = ("simulate", "coast-down", "--speed", "120", "--noise", "ideal", "--road", str(road))
+    car = load_vehicle("family-car")
+    slows, foreseen = [], []
+    for wind in ("0", "40"):
+        end = run(*words, "--wind", wind, "--out", str(tmp_path / f"{wind}.csv"), "--json")
+        assert end.json["wind"] == pytest.approx(float(wind) / 3.6)
+        log = read(tmp_path / f"{wind}.csv").resample(100.0)
+        speed = log["ref_velocity_x"]
+        slows.append(float(speed[200] - speed[400]) / 2)
+        foreseen.append(car.drag_factor * (speed[300] + float(wind) / 3.6) ** 2 / car.mass)
+    # but for what turning parts add to the mass
+    assert slows[1] - slows[0] == pytest.approx(foreseen[1] - foreseen[0], rel=0.08)
+
+
 @pytest.mark.parametrize(
     "words",
     [
@@ -50,6 +68,7 @@ def test_a_car_that_is_not_as_its_file_says(run: Run, tmp_path: Path) -> None:
         ("simulate", "slalom", "--noise", "none"),
         ("simulate", "slalom", "--plant", "carsim"),
         ("simulate", "slalom", "--plant", "seven-dof", "--tir", "a.tir"),
+        ("simulate", "slalom", "--plant", "three-dof", "--wind", "20"),
         ("simulate", "slalom", "--speed", "900"),
         ("simulate", "slalom", "--friction", "-1"),
         ("simulate", "slalom", "--road", "no-such-road.yaml"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -47,6 +48,16 @@ def simulate(
     speed: Annotated[
         float | None, typer.Option("--speed", metavar="KMH", help="Default: the manoeuvre's usual one.")
     ] = None,
+    wind: Annotated[
+        float,
+        typer.Option(
+            "--wind",
+            metavar="KMH",
+            min=-200.0,
+            max=200.0,
+            help="Steady wind from ahead of the car as it starts; from behind where negative.",
+        ),
+    ] = 0.0,
     noise: Annotated[
         str, typer.Option("--noise", metavar="PRESET", help="Sensors: ideal, paper, automotive or worn.")
     ] = "automotive",
@@ -108,6 +119,8 @@ def simulate(
         raise InputError(f"no plant is called '{plant}'", mend=did_you_mean(plant, _PLANTS))
     if tir is not None and plant != "multibody":
         raise InputError("--tir is for the multibody plant", mend="leave out --tir or --plant")
+    if wind and plant != "multibody":
+        raise InputError("--wind is for the multibody plant", mend="leave out --wind or --plant")
     if report:
         require("bokeh")
     writer_of(out)
@@ -121,11 +134,20 @@ def simulate(
         if friction is not None:
             task = task.with_friction(uniform(friction))
     wrong = faults(fault or [], task.duration)
-    settings = {"vehicle": vehicle, "plant": plant, "noise": noise, "seed": seed, "mismatch": off}
+    settings = {
+        "vehicle": vehicle,
+        "plant": plant,
+        "noise": noise,
+        "seed": seed,
+        "mismatch": off,
+        "wind": wind * KMH,
+    }
     page = f"{stem(out)}.html" if report else None
     with working() as work:
         work.begin(f"driving {manoeuvre}")
-        driven = drive(_plant(plant, real, tir), task, car, rate=_RATE)
+        ahead = float(task.road.at(task.s, task.d).heading)
+        blows = (-wind * KMH * math.cos(ahead), -wind * KMH * math.sin(ahead))
+        driven = drive(_plant(plant, real, tir, blows), task, car, rate=_RATE)
         work.begin("writing")
         recording = record(driven, suite, seed=seed, faults=wrong, metadata=settings)
         log = to_log(recording)
@@ -164,10 +186,10 @@ def simulate(
     screen.print(text(f"estimators on it: {again}"), soft_wrap=True)
 
 
-def _plant(name: str, car: Vehicle, tir: Path | None) -> Plant:
+def _plant(name: str, car: Vehicle, tir: Path | None, wind: tuple[float, float]) -> Plant:
     from roadstate.sim.plant import multibody_plant
     from roadstate.sim.plant.planar import PlanarPlant
 
     if name == "multibody":
-        return multibody_plant(car, tir=tir)
+        return multibody_plant(car, tir=tir, wind=wind)
     return PlanarPlant.seven_dof(car) if name == "seven-dof" else PlanarPlant.three_dof(car)

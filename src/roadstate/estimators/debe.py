@@ -130,8 +130,8 @@ class DEBE(Estimator[DEBEState]):
     hardly pulls is taken for a possible brake.
 
     Beyond the paper: rotating inertia, rolling resistance growing with speed, overrun losses, and cornering
-    drag a_y (l_r α_f + l_f α_r)/L from the yaw rate. Errors of mass, efficiency, drag and rolling resistance
-    and a wind do not average out; the vehicle file's 1σ of each is part of every standard deviation given.
+    drag a_y (l_r α_f + l_f α_r)/L from the yaw rate. Errors of mass, efficiency, drag and rolling resistance,
+    and a wind, do not average out; the vehicle file's 1σ of each is part of every standard deviation given.
 
     Attributes:
         model: the state-space model.
