@@ -93,7 +93,8 @@ def test_where_no_torque_tells_of_the_wind_it_is_what_it_may_be() -> None:
 
 
 def test_a_car_that_turns_has_another_wind_ahead() -> None:
-    known = AlongModel(load_vehicle("family-car"), CHANNELS, torque_of="wheels")
+    car = load_vehicle("family-car")
+    known = AlongModel(car, (*CHANNELS, "yaw_rate"), torque_of="wheels")
     place = known.place("wind")
     x, u, dt = jnp.zeros(len(known.states)).at[place].set(3.0), given(20.0, 0.0, 0.0), jnp.asarray(1.0)
     straight, turned = (known.f(x, u._replace(turning=jnp.asarray(r)), dt)[place] for r in (0.0, -0.5))
@@ -103,6 +104,9 @@ def test_a_car_that_turns_has_another_wind_ahead() -> None:
     std = np.linalg.norm(np.asarray(known.prior().factor)[place])
     noise = np.linalg.norm(np.asarray(known.sqrt_Q(u._replace(turning=jnp.asarray(-0.5)), dt))[place])
     assert noise == pytest.approx(std * np.sqrt(1 - np.exp(-0.5)), rel=0.01)
+    # and where nobody knows whether it turns, it may have
+    blind = AlongModel(car, CHANNELS, torque_of="wheels")
+    assert 0.9 < float(blind.f(x, u, dt)[place]) / float(straight) < 0.99
 
 
 def test_without_an_accelerometer_torques_push_the_car_as_heavy_as_it_is() -> None:

@@ -36,6 +36,7 @@ _CAUGHT = 2.0  # m/s: 1σ of what a sensor's lies do to the speed until they are
 _BRAKE_TOLD = 0.05  # 1σ of a brake's torque that the car tells, as a share: pads are not measured
 # s for which the wind lasts, as it and what shelters from it change; rad of turning that make it another
 _WIND = (300.0, 2.0)
+_TURNS = 0.03  # rad/s by which a car is taken to turn where no yaw rate tells: round a corner every 50 s
 _SLIP = (0.5, 1.0)  # 1σ of what wheels slip beyond their force, as a share of that, and s for which it lasts
 LATE = (0.06, 0.04)  # s by which a receiver's speed is late: mean and 1σ
 
@@ -147,7 +148,8 @@ class AlongModel(StateSpaceModel):
             told = max(torque.relative, _BRAKE_TOLD)
             slow["brake_gain"] = (told if measured else BRAKE_RELATIVE, _BRAKE_LASTING)
             slow["drag_area"] = (prior.drag_relative, _LASTING)
-            slow["wind"] = (prior.wind_std, _WIND[0])
+            turns = 0.0 if "yaw_rate" in available else _TURNS
+            slow["wind"] = (prior.wind_std, 1 / (1 / _WIND[0] + turns / _WIND[1]))
             zero = _as_resistance(vehicle, torque.bias) if at_wheels else 0.0
             slow["resistance"] = (float(np.hypot(prior.rolling_resistance_std, zero)), _LASTING)
             if not at_wheels:  # low gears multiply what an engine's torque is off by
