@@ -30,6 +30,7 @@ from roadstate.vehicles import Vehicle
 CLASSES = ("A", "B", "C")
 _VEHICLES, _NAMES = ("family-car", "suv"), ("joint", "tfobe", "kmbe")
 _DRIVE, _LENGTH = "straight-variable-speed", 1200.0  # m
+_RESTS = 4.0  # s in which the plant, which begins above the uneven road, comes to rest on it
 _SETTLE = 5.0  # s that do not count
 
 
@@ -45,7 +46,8 @@ def prepared(vehicle: Vehicle, *, road_class: str) -> Manoeuvre:
 def recorded(vehicle: str, road_class: str, count: int) -> list[tuple[Log, Vehicle]]:
     """Recordings of one drive, each with the vehicle file that an estimator is told."""
     scenario = Scenario("rough", "a rough road", partial(prepared, road_class=road_class))
-    return on_plant(vehicle, scenario, count)
+    made = on_plant(vehicle, scenario, count)
+    return [(log.between(log.time[0] + _RESTS, log.time[-1]), car) for log, car in made]
 
 
 def of_grade(name: str, logs: list[tuple[Log, Vehicle]]) -> dict[str, float]:
