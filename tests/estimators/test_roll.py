@@ -6,15 +6,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from benchmarks.accuracy.scenarios import SCENARIOS, on_plant
 from numpy.typing import NDArray
 from tests.estimators.body_rates import body_rates
 
 from roadstate.core.constants import GRAVITY
-from roadstate.estimators import build
 from roadstate.estimators.intake import ACCEL_Y, YAW_RATE, Signals
 from roadstate.estimators.roll import RollMeter, RollState
-from roadstate.run import batch
 from roadstate.vehicles import Vehicle
 
 DT = 0.01
@@ -101,11 +98,3 @@ def test_gaps_and_spikes_tell_nothing(vehicle: Vehicle) -> None:
     assert np.isinf(white[:100]).all()
     assert np.isfinite(white[105:]).all()
     assert np.abs(rate).max() < 0.01
-
-
-def test_a_double_lane_change_is_no_failure_of_the_gyroscope() -> None:
-    """While a car swerves v̇_y makes a_y − v r, which a bank would, too: up to .2 g at 85 km/h."""
-    recordings = on_plant("family-car", SCENARIOS["double-lane-change-85-0.8"], 2)
-    built = [build("joint", car, log.available) for log, car in recordings]
-    for said in batch(built, [log for log, _ in recordings]):
-        assert said.metadata["faults"] == []

@@ -27,9 +27,6 @@ _STEADY_TIME = 0.5  # s: low pass of the rate, besides which a body swings
 _APART_TIME = 2.0  # s for which what the rate adds up to is compared with what a bank does to accel_y
 _APART = 0.08  # rad: so far apart they are only when the gyroscope fails
 _BRIEF = 0.2  # s of a difference that means nothing: tires shake a car sideways
-# s: v̇_y over ȧ_y, at most, of a car that swerves (about l_r/v − v/gc, c the rear axle's stiffness over its
-# load: −.1 at 24 m/s); and for which it goes on
-_SWERVES = (0.15, 1.0)
 _SLOWEST = 5.0  # m/s
 _SELDOM = 0.02  # s from sample to sample
 _SURE = 3.0  # 1σ of what is added up, that many times
@@ -50,7 +47,6 @@ class RollState(NamedTuple):
         tilt: what a bank would have to be to make the lateral specific force, rad.
         apart: by how much more the rate has added up to than that has changed, of late, rad.
         lasting: that, low-passed.
-        swerve: how far v̇_y may have parted them of late, rad.
         distrust: s for which the gyroscope is still not believed.
     """
 
@@ -62,7 +58,6 @@ class RollState(NamedTuple):
     tilt: Float[Array, ""]
     apart: Float[Array, ""]
     lasting: Float[Array, ""]
-    swerve: Float[Array, ""]
     distrust: Float[Array, ""]
 
 
@@ -86,7 +81,7 @@ class RollMeter(eqx.Module):
 
     def init(self) -> RollState:
         """Nothing has come yet."""
-        return RollState(Gyroscope.silent(), *[jnp.zeros(())] * 9)
+        return RollState(Gyroscope.silent(), *[jnp.zeros(())] * 8)
 
     def read(
         self,
@@ -134,9 +129,7 @@ class RollMeter(eqx.Module):
         lasting = state.lasting - jnp.expm1(-step / _BRIEF) * (apart - state.lasting)
         # what swings between samples that come seldom adds up at random
         missed = unrest * jnp.maximum(gyro.every - _SELDOM, 0.0) * _APART_TIME / 2
-        swerves = jnp.where(across, _SWERVES[0] * jnp.abs(seen.rate[ACCEL_Y]) / GRAVITY, 0.0)
-        swerve = jnp.maximum(swerves, state.swerve * jnp.exp(-step / _SWERVES[1]))
-        odd = jnp.abs(lasting) > _APART + swerve + _SURE * root(missed)
+        odd = jnp.abs(lasting) > _APART + _SURE * root(missed)
         distrust = jnp.where(odd, _DISTRUST, jnp.maximum(state.distrust - dt, 0.0))
         unsure = _BANKED / counts * (2 * _APART_TIME) ** 0.5
         swings = root(unrest * 2 * _SWING_TIME)
@@ -144,7 +137,7 @@ class RollMeter(eqx.Module):
         white = rss(self._noise * root(gyro.every), swings, lags, unsure)
         known = usable & (distrust <= 0)
         apart, lasting = (jnp.where(odd, 0.0, part) for part in (apart, lasting))
-        new = RollState(gyro, bias, heard, steady, unrest, tilt, apart, lasting, swerve, distrust)
+        new = RollState(gyro, bias, heard, steady, unrest, tilt, apart, lasting, distrust)
         return new, jnp.stack([jnp.where(known, rate, 0.0), jnp.where(known, white, jnp.inf)])
 
     def is_faulty(self, state: RollState) -> Bool[Array, ""]:
