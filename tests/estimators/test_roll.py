@@ -6,12 +6,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from benchmarks.accuracy.scenarios import SCENARIOS, on_plant
 from numpy.typing import NDArray
 from tests.estimators.body_rates import body_rates
 
 from roadstate.core.constants import GRAVITY
+from roadstate.estimators import build
 from roadstate.estimators.intake import ACCEL_Y, YAW_RATE, Signals
 from roadstate.estimators.roll import RollMeter, RollState
+from roadstate.run import batch
 from roadstate.vehicles import Vehicle
 
 DT = 0.01
@@ -26,17 +29,25 @@ def seen(across: jax.Array, across_rate: jax.Array, turning: jax.Array) -> Signa
 
 
 def told(
-    meter: RollMeter, roll: Array, across: Array, turning: Array, sine: float = 0.0, speed: float = 20.0
+    meter: RollMeter,
+    roll: Array,
+    across: Array,
+    turning: Array,
+    sine: float = 0.0,
+    speed: float = 20.0,
+    v_y: float | Array = 0.0,
 ) -> tuple[RollState, Array, Array]:
     """The last state, and bank rates with their white errors, of samples of the roll rate."""
 
     def step(state: RollState, row: tuple[jax.Array, ...]) -> tuple[RollState, jax.Array]:
-        rate, *others = row
+        rate, sideslip, *others = row
+        along, dt = (jnp.asarray(sine), jnp.asarray(speed)), jnp.asarray(DT)
         return meter.read(
-            state, {"roll_rate": rate}, seen(*others), jnp.asarray(sine), jnp.asarray(speed), jnp.asarray(DT)
+            state, {"roll_rate": rate}, seen(*others), *along, jnp.stack([sideslip, sideslip * 0 + 0.03]), dt
         )
 
-    rows = tuple(map(jnp.asarray, (roll, across, np.gradient(across, DT), turning)))
+    sideslip = v_y * np.ones(len(roll))
+    rows = tuple(map(jnp.asarray, (roll, sideslip, across, np.gradient(across, DT), turning)))
     last, found = jax.lax.scan(step, meter.init(), rows)
     return last, *np.asarray(found).T
 
@@ -88,6 +99,23 @@ def test_one_turned_round_contradicts_the_accelerometer(sign: float, is_odd: boo
     assert bool(np.isinf(white[2:]).any()) is is_odd
 
 
+def test_a_swerve_is_no_bank(vehicle: Vehicle) -> None:
+    """v̇_y makes a lateral specific force that a bank would, too; one that nobody told of is a fault."""
+    time = np.arange(0, 4, DT)
+    v_y = 0.6 * (1 - np.cos(np.pi * time))
+    turning = 0.1 * np.sin(np.pi * time)
+    across = 20.0 * turning + np.gradient(v_y, DT)
+    roll = np.gradient(vehicle.body.roll_gradient * across, DT)
+    meter = RollMeter(vehicle)
+    last, *_ = told(meter, roll, across, turning, v_y=v_y)
+    assert not meter.is_faulty(last)
+    last, *_ = told(meter, roll, across, turning)
+    assert meter.is_faulty(last)
+    # what another filter begins anew with is no motion
+    last, *_ = told(meter, 0 * time, 0 * time, 0 * time, v_y=np.where(time > 2, 0.0, 1.5))
+    assert not meter.is_faulty(last)
+
+
 def test_gaps_and_spikes_tell_nothing(vehicle: Vehicle) -> None:
     time = np.arange(0, 2, DT)
     noise = np.random.default_rng(1).normal(0, 0.002, len(time))
@@ -98,3 +126,11 @@ def test_gaps_and_spikes_tell_nothing(vehicle: Vehicle) -> None:
     assert np.isinf(white[:100]).all()
     assert np.isfinite(white[105:]).all()
     assert np.abs(rate).max() < 0.01
+
+
+def test_a_double_lane_change_is_no_failure_of_the_gyroscope() -> None:
+    """v_y changes by up to .2 g at 85 km/h."""
+    recordings = on_plant("family-car", SCENARIOS["double-lane-change-85-0.8"], 2)
+    built = [build("joint", car, log.available) for log, car in recordings]
+    for said in batch(built, [log for log, _ in recordings]):
+        assert said.metadata["faults"] == []

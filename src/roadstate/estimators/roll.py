@@ -25,7 +25,9 @@ _BIAS_TIME = 60.0  # s over which the rate averages out, but for the gyroscope's
 _BANKED = 0.08  # rad: 1σ of what a road's bank changes by altogether
 _STEADY_TIME = 0.5  # s: low pass of the rate, besides which a body swings
 _APART_TIME = 2.0  # s for which what the rate adds up to is compared with what a bank does to accel_y
-_APART = 0.08  # rad: so far apart they are only when the gyroscope fails
+_APART = 0.065  # rad: so far apart they are only when the gyroscope fails
+_SLIDES = (0.06, 0.8, 1.0)  # m/s: a larger 1σ of v_y counts that much, rad per m/s, for s
+_LEAPS = (0.3, 10.0)  # m/s, and m/s²: no car's v_y changes by more from one sample to the next
 _BRIEF = 0.2  # s of a difference that means nothing: tires shake a car sideways
 _SLOWEST = 5.0  # m/s
 _SELDOM = 0.02  # s from sample to sample
@@ -44,6 +46,8 @@ class RollState(NamedTuple):
         heard: s of samples, at most :data:`_BIAS_TIME`.
         steady: low-passed rate, rad/s.
         unrest: mean square of what the body swings besides, rad²/s².
+        sideslip: v_y as late as the low-passed lateral specific force, m/s.
+        across: v_y as it was told last, and its 1σ, at most, of late, m/s.
         tilt: what a bank would have to be to make the lateral specific force, rad.
         apart: by how much more the rate has added up to than that has changed, of late, rad.
         lasting: that, low-passed.
@@ -55,6 +59,8 @@ class RollState(NamedTuple):
     heard: Float[Array, ""]
     steady: Float[Array, ""]
     unrest: Float[Array, ""]
+    sideslip: Float[Array, ""]
+    across: Float[Array, " 2"]
     tilt: Float[Array, ""]
     apart: Float[Array, ""]
     lasting: Float[Array, ""]
@@ -66,7 +72,8 @@ class RollMeter(eqx.Module):
 
     The body leans outward by k a_y besides, k the vehicle file's roll gradient. What p averages to over a
     minute is the gyroscope's bias: no road banks for ever. What it adds up to is held against what a bank
-    does to the lateral accelerometer, a_y − v_x r = v̇_y + g φ: where the two part for good, it fails.
+    does to the lateral accelerometer, a_y − v_x r − v̇_y = g φ, with v_y as the tires tell it (in a swerve
+    v̇_y reaches .2 g): where the two part for good, it fails.
     """
 
     _noise: Float[Array, ""]
@@ -81,7 +88,8 @@ class RollMeter(eqx.Module):
 
     def init(self) -> RollState:
         """Nothing has come yet."""
-        return RollState(Gyroscope.silent(), *[jnp.zeros(())] * 8)
+        none = [jnp.zeros(())] * 5
+        return RollState(Gyroscope.silent(), *(*none, jnp.zeros(2), *none[1:]))
 
     def read(
         self,
@@ -90,6 +98,7 @@ class RollMeter(eqx.Module):
         seen: Signals,
         sine: Float[Array, ""],
         speed: Float[Array, ""],
+        across: Float[Array, " 2"],
         dt: Float[Array, ""],
     ) -> tuple[RollState, Float[Array, " 2"]]:
         """Take a sample ``dt`` after the last.
@@ -100,6 +109,7 @@ class RollMeter(eqx.Module):
             seen: the other signals; specific force across freed of roll.
             sine: of the slope.
             speed: m/s.
+            across: v_y and its 1σ, m/s.
             dt: s.
 
         Returns:
@@ -107,37 +117,44 @@ class RollMeter(eqx.Module):
         """
         meanwhile = state.gyro.goes_on(dt)
         gyro = state.gyro.take(sample["roll_rate"], dt)
-        across = (seen.age[ACCEL_Y] < STALE) & (seen.age[YAW_RATE] < STALE)
+        compared = (seen.age[ACCEL_Y] < STALE) & (seen.age[YAW_RATE] < STALE)
         turning = jnp.where(seen.age[YAW_RATE] < STALE, seen.smooth[YAW_RATE], 0.0)
-        leans = jnp.where(across, self._gradient * seen.rate[ACCEL_Y], 0.0)
+        leans = jnp.where(compared, self._gradient * seen.rate[ACCEL_Y], 0.0)
         usable = gyro.is_known() & meanwhile & (state.gyro.rate.age < STALE)
         raw = gyro.between(state.gyro) - turning * sine - leans
         step = jnp.clip(dt, _LEAST_STEP, STALE)
         heard = jnp.minimum(state.heard + jnp.where(usable, step, 0.0), _BIAS_TIME)
         counts = heard + _BANKED / self._bias
-        share = jnp.where(usable, step / counts, 0.0)
-        bias = state.bias + share * jnp.clip(raw - state.bias, -_SWIFTEST, _SWIFTEST)
+        learns = jnp.where(usable, step / counts, 0.0)
+        bias = state.bias + learns * jnp.clip(raw - state.bias, -_SWIFTEST, _SWIFTEST)
         rate = jnp.clip(raw - bias, -_SWIFTEST, _SWIFTEST)
         keep = jnp.where(usable, -jnp.expm1(-step / _STEADY_TIME), 0.0)
         steady = state.steady + keep * (rate - state.steady)
         unrest = state.unrest + keep * ((rate - steady) ** 2 - state.unrest)
-        tilt = (seen.smooth[ACCEL_Y] - speed * turning) / GRAVITY
+        v_y, unsure = across[0], jnp.maximum(across[1], state.across[1] * jnp.exp(-step / _SLIDES[2]))
+        across = jnp.stack([v_y, unsure])
+        leaps = jnp.abs(v_y - state.across[0]) > _LEAPS[0] + _LEAPS[1] * step
+        share = -jnp.expm1(-step / jnp.maximum(seen.lag[ACCEL_Y], _LEAST_STEP))
+        follows = jnp.where(leaps, 0.0, share * (v_y - state.sideslip))
+        sideslip = jnp.where(leaps, v_y, state.sideslip + follows)
+        tilt = (seen.smooth[ACCEL_Y] - speed * turning - follows / step) / GRAVITY
         # a car that hardly moves rocks on its tires
-        compared = usable & across & (jnp.abs(speed) > _SLOWEST)
+        compared &= usable & (jnp.abs(speed) > _SLOWEST) & ~leaps
         gap = jnp.where(compared, rate * step - (tilt - state.tilt), 0.0)
         apart = (state.apart + gap) * jnp.exp(-step / _APART_TIME)
         lasting = state.lasting - jnp.expm1(-step / _BRIEF) * (apart - state.lasting)
         # what swings between samples that come seldom adds up at random
         missed = unrest * jnp.maximum(gyro.every - _SELDOM, 0.0) * _APART_TIME / 2
-        odd = jnp.abs(lasting) > _APART + _SURE * root(missed)
+        slides = _SLIDES[1] * jnp.maximum(unsure - _SLIDES[0], 0.0)
+        odd = jnp.abs(lasting) > _APART + slides + _SURE * root(missed)
         distrust = jnp.where(odd, _DISTRUST, jnp.maximum(state.distrust - dt, 0.0))
-        unsure = _BANKED / counts * (2 * _APART_TIME) ** 0.5
+        biased = _BANKED / counts * (2 * _APART_TIME) ** 0.5
         swings = root(unrest * 2 * _SWING_TIME)
         lags = _GRADIENT_ERROR * leans * (2 * _LEAN_TIME) ** 0.5
-        white = rss(self._noise * root(gyro.every), swings, lags, unsure)
+        white = rss(self._noise * root(gyro.every), swings, lags, biased)
         known = usable & (distrust <= 0)
         apart, lasting = (jnp.where(odd, 0.0, part) for part in (apart, lasting))
-        new = RollState(gyro, bias, heard, steady, unrest, tilt, apart, lasting, distrust)
+        new = RollState(gyro, bias, heard, steady, unrest, sideslip, across, tilt, apart, lasting, distrust)
         return new, jnp.stack([jnp.where(known, rate, 0.0), jnp.where(known, white, jnp.inf)])
 
     def is_faulty(self, state: RollState) -> Bool[Array, ""]:
