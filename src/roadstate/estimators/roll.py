@@ -12,26 +12,20 @@ from roadstate.core.constants import GRAVITY
 from roadstate.estimators.base import Sample, leaf
 from roadstate.estimators.gyroscope import Gyroscope
 from roadstate.estimators.intake import ACCEL_Y, STALE, YAW_RATE, Signals
+from roadstate.estimators.roll_check import APART_TIME, GRADIENT_ERROR, RollCheck, Tilting
 from roadstate.linalg import root, rss
 
 if TYPE_CHECKING:
     from roadstate.vehicles import Vehicle
 
-_GRADIENT_ERROR = 0.3  # 1σ of the roll gradient, as a share; and of how swiftly the body follows it
 _LEAN_TIME = 0.3  # s for which that errs alike
 _SWING_TIME = 0.15  # s for which the body swings to one side
 _SWIFTEST = 0.2  # rad/s: no faster does a road bank under a car
 _BIAS_TIME = 60.0  # s over which the rate averages out, but for the gyroscope's bias
 _BANKED = 0.08  # rad: 1σ of what a road's bank changes by altogether
 _STEADY_TIME = 0.5  # s: low pass of the rate, besides which a body swings
-_APART_TIME = 2.0  # s for which what the rate adds up to is compared with what a bank does to accel_y
-_APART = 0.065  # rad: so far apart they are only when the gyroscope fails
-_SLIDES = (0.06, 0.8, 1.0)  # m/s: a larger 1σ of v_y counts that much, rad per m/s, for s
-_LEAPS = (0.3, 10.0)  # m/s, and m/s²: no car's v_y changes by more from one sample to the next
-_BRIEF = 0.2  # s of a difference that means nothing: tires shake a car sideways
 _SLOWEST = 5.0  # m/s
 _SELDOM = 0.02  # s from sample to sample
-_SURE = 3.0  # 1σ of what is added up, that many times
 _DISTRUST = 20.0  # s for which a gyroscope that failed is not believed
 _LEAST_STEP = 1e-3  # s
 _LEAST_BIAS = 1e-4  # rad/s
@@ -46,11 +40,7 @@ class RollState(NamedTuple):
         heard: s of samples, at most :data:`_BIAS_TIME`.
         steady: low-passed rate, rad/s.
         unrest: mean square of what the body swings besides, rad²/s².
-        sideslip: v_y as late as the low-passed lateral specific force, m/s.
-        across: v_y as it was told last, and its 1σ, at most, of late, m/s.
-        tilt: what a bank would have to be to make the lateral specific force, rad.
-        apart: by how much more the rate has added up to than that has changed, of late, rad.
-        lasting: that, low-passed.
+        check: what that adds up to, against the lateral accelerometer.
         distrust: s for which the gyroscope is still not believed.
     """
 
@@ -59,11 +49,7 @@ class RollState(NamedTuple):
     heard: Float[Array, ""]
     steady: Float[Array, ""]
     unrest: Float[Array, ""]
-    sideslip: Float[Array, ""]
-    across: Float[Array, " 2"]
-    tilt: Float[Array, ""]
-    apart: Float[Array, ""]
-    lasting: Float[Array, ""]
+    check: RollCheck
     distrust: Float[Array, ""]
 
 
@@ -72,8 +58,8 @@ class RollMeter(eqx.Module):
 
     The body leans outward by k a_y besides, k the vehicle file's roll gradient. What p averages to over a
     minute is the gyroscope's bias: no road banks for ever. What it adds up to is held against what a bank
-    does to the lateral accelerometer, a_y − v_x r − v̇_y = g φ, with v_y as the tires tell it (in a swerve
-    v̇_y reaches .2 g): where the two part for good, it fails.
+    does to the lateral accelerometer (:mod:`~roadstate.estimators.roll_check`): where the two part for good,
+    it fails.
     """
 
     _noise: Float[Array, ""]
@@ -88,8 +74,8 @@ class RollMeter(eqx.Module):
 
     def init(self) -> RollState:
         """Nothing has come yet."""
-        none = [jnp.zeros(())] * 5
-        return RollState(Gyroscope.silent(), *(*none, jnp.zeros(2), *none[1:]))
+        zero = jnp.zeros(())
+        return RollState(Gyroscope.silent(), zero, zero, zero, zero, RollCheck.none(), zero)
 
     def read(
         self,
@@ -109,7 +95,7 @@ class RollMeter(eqx.Module):
             seen: the other signals; specific force across freed of roll.
             sine: of the slope.
             speed: m/s.
-            across: v_y and its 1σ, m/s.
+            across: v_y at the last sample and its 1σ, m/s.
             dt: s.
 
         Returns:
@@ -131,30 +117,21 @@ class RollMeter(eqx.Module):
         keep = jnp.where(usable, -jnp.expm1(-step / _STEADY_TIME), 0.0)
         steady = state.steady + keep * (rate - state.steady)
         unrest = state.unrest + keep * ((rate - steady) ** 2 - state.unrest)
-        v_y, unsure = across[0], jnp.maximum(across[1], state.across[1] * jnp.exp(-step / _SLIDES[2]))
-        across = jnp.stack([v_y, unsure])
-        leaps = jnp.abs(v_y - state.across[0]) > _LEAPS[0] + _LEAPS[1] * step
-        share = -jnp.expm1(-step / jnp.maximum(seen.lag[ACCEL_Y], _LEAST_STEP))
-        follows = jnp.where(leaps, 0.0, share * (v_y - state.sideslip))
-        sideslip = jnp.where(leaps, v_y, state.sideslip + follows)
-        tilt = (seen.smooth[ACCEL_Y] - speed * turning - follows / step) / GRAVITY
+        tilt = (seen.smooth[ACCEL_Y] - speed * turning) / GRAVITY
         # a car that hardly moves rocks on its tires
-        compared &= usable & (jnp.abs(speed) > _SLOWEST) & ~leaps
-        gap = jnp.where(compared, rate * step - (tilt - state.tilt), 0.0)
-        apart = (state.apart + gap) * jnp.exp(-step / _APART_TIME)
-        lasting = state.lasting - jnp.expm1(-step / _BRIEF) * (apart - state.lasting)
+        tells = compared & usable & (jnp.abs(speed) > _SLOWEST)
+        told = Tilting(rate, leans, tilt, seen.lag[ACCEL_Y], across, tells)
+        check = state.check.goes_on(told, step)
         # what swings between samples that come seldom adds up at random
-        missed = unrest * jnp.maximum(gyro.every - _SELDOM, 0.0) * _APART_TIME / 2
-        slides = _SLIDES[1] * jnp.maximum(unsure - _SLIDES[0], 0.0)
-        odd = jnp.abs(lasting) > _APART + slides + _SURE * root(missed)
+        missed = unrest * jnp.maximum(gyro.every - _SELDOM, 0.0) * APART_TIME / 2
+        odd = check.is_odd(root(missed))
         distrust = jnp.where(odd, _DISTRUST, jnp.maximum(state.distrust - dt, 0.0))
-        biased = _BANKED / counts * (2 * _APART_TIME) ** 0.5
+        biased = _BANKED / counts * (2 * APART_TIME) ** 0.5
         swings = root(unrest * 2 * _SWING_TIME)
-        lags = _GRADIENT_ERROR * leans * (2 * _LEAN_TIME) ** 0.5
+        lags = GRADIENT_ERROR * leans * (2 * _LEAN_TIME) ** 0.5
         white = rss(self._noise * root(gyro.every), swings, lags, biased)
         known = usable & (distrust <= 0)
-        apart, lasting = (jnp.where(odd, 0.0, part) for part in (apart, lasting))
-        new = RollState(gyro, bias, heard, steady, unrest, sideslip, across, tilt, apart, lasting, distrust)
+        new = RollState(gyro, bias, heard, steady, unrest, check.anew(odd), distrust)
         return new, jnp.stack([jnp.where(known, rate, 0.0), jnp.where(known, white, jnp.inf)])
 
     def is_faulty(self, state: RollState) -> Bool[Array, ""]:
