@@ -29,7 +29,7 @@ class Swerve(NamedTuple):
         unsure: 1σ of it, at most, of late, m/s.
         late: v_y as late as the low-passed lateral specific force, m/s.
         rate: its derivative, m/s².
-        leaps: whether v_y has changed as no car's does, or is not known.
+        leaps: whether v_y has changed as no car's does, or has not been known of late.
     """
 
     v_y: Float[Array, ""]
@@ -47,7 +47,7 @@ class Swerve(NamedTuple):
     def goes_on(self, across: Float[Array, " 2"], lag: Float[Array, ""], step: Float[Array, ""]) -> Swerve:
         """With v_y and its 1σ, m/s, ``step`` after the last, and the specific force late by ``lag``, s."""
         v_y, unsure = across[0], jnp.maximum(across[1], self.unsure * jnp.exp(-step / _SLIDES[2]))
-        leaps = (jnp.abs(v_y - self.v_y) > _LEAPS[0] + _LEAPS[1] * step) | (across[1] > _UNKNOWN)
+        leaps = (jnp.abs(v_y - self.v_y) > _LEAPS[0] + _LEAPS[1] * step) | (unsure > _UNKNOWN)
         # a difference is half a step late by itself
         share = 1 / jnp.maximum(lag / step + 0.5, 1.0)
         follows = jnp.where(leaps, 0.0, share * (v_y - self.late))
