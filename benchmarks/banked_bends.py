@@ -11,12 +11,12 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from benchmarks.accuracy.measures import covered, rmse
+from benchmarks.accuracy.measures import averaged, inside, rmse
 from benchmarks.accuracy.run import without
 from benchmarks.accuracy.scenarios import SATELLITE, VEHICLES, Scenario, on_plant
 from benchmarks.real_logs import table
 
-from roadstate.core import Estimates, Log
+from roadstate.core import Log
 from roadstate.core.numerics import use_compilation_cache
 from roadstate.estimators import build
 from roadstate.run import batch
@@ -86,11 +86,6 @@ def _prepared(vehicle: Vehicle, *, bends: Bends) -> Manoeuvre:
     return Manoeuvre("banked", "banked bends", road, bends.speed, drive, straight())
 
 
-def _inside(said: Estimates, log: Log, quantity: str) -> float:
-    held, total = covered(said, log, quantity, settle=_SETTLES) or (0, 0)
-    return 100 * held / max(total, 1)
-
-
 def of_bends(logs: list[tuple[Log, Vehicle]]) -> dict[str, float]:
     """What ``joint`` makes of the recordings of one drive, in the mean; shares of samples in %."""
     rows = []
@@ -103,12 +98,12 @@ def of_bends(logs: list[tuple[Log, Vehicle]]) -> dict[str, float]:
                 "lower bound too high": 100 * np.mean(values["friction_peak_lower"][late] > FRICTION),
                 "likeliest below half": 100 * np.mean(values["friction_peak"][late] < 0.5 * FRICTION),
                 "RMSE bank, %": 100 * rmse(said, log, "bank", settle=_SETTLES),
-                "bank inside": _inside(said, log, "bank"),
+                "bank inside": inside(said, log, "bank", settle=_SETTLES),
                 "RMSE v_y, m/s": rmse(said, log, "velocity_y", settle=_SETTLES),
-                "v_y inside": _inside(said, log, "velocity_y"),
+                "v_y inside": inside(said, log, "velocity_y", settle=_SETTLES),
             }
         )
-    return {key: float(np.mean([row[key] for row in rows])) for key in rows[0]}
+    return averaged(rows)
 
 
 def main() -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import sys
 
 import numpy as np
-from benchmarks.accuracy.measures import covered, rmse
+from benchmarks.accuracy.measures import averaged, inside, rmse
 from benchmarks.accuracy.run import without
 from benchmarks.accuracy.scenarios import SATELLITE, VEHICLES, Scenario, on_plant
 from benchmarks.real_logs import table
@@ -64,12 +64,11 @@ def judged(name: str, logs: list[tuple[Log, Vehicle]]) -> dict[str, float]:
     for (log, _), said in zip(logs, batch(built, [log for log, _ in logs]), strict=True):
         row = {}
         for quantity, unit in (("grade", "%"), ("force_x_front", "N")):
-            held = covered(said, log, quantity, settle=_SETTLES)
-            if held is not None:
+            if quantity in said.values:
                 row[f"RMSE {quantity}, {unit}"] = rmse(said, log, quantity, settle=_SETTLES)
-                row[f"{quantity} inside"] = 100 * held[0] / held[1]
+                row[f"{quantity} inside"] = inside(said, log, quantity, settle=_SETTLES)
         rows.append(row)
-    return {key: float(np.mean([row[key] for row in rows])) for key in rows[0]}
+    return averaged(rows)
 
 
 def main() -> None:

@@ -138,6 +138,17 @@ def covered(estimates: Estimates, log: Log, quantity: str, *, settle: float = 0.
     return int(np.sum(inside & used)), int(np.sum(used))
 
 
+def inside(estimates: Estimates, log: Log, quantity: str, *, settle: float = 0.0) -> float:
+    """Share in % of the samples that :func:`covered` counts; NaN where there are none."""
+    held, total = covered(estimates, log, quantity, settle=settle) or (0, 0)
+    return 100 * held / total if total else float("nan")
+
+
+def averaged(rows: list[dict[str, float]]) -> dict[str, float]:
+    """Each key's mean over rows that have the same keys."""
+    return {key: float(np.mean([row[key] for row in rows])) for key in rows[0]}
+
+
 def crossing(log: Log) -> int | None:
     """The sample at which the front axle is half (in the logarithm) on the second surface of a joint road."""
     truth = reference("friction_peak_front", log.channels)
