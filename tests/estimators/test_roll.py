@@ -21,10 +21,10 @@ DT = 0.01
 Array = NDArray[np.float64]
 
 
-def seen(across: jax.Array, across_rate: jax.Array, turning: jax.Array) -> Signals:
+def seen(across: jax.Array, across_rate: jax.Array, turning: jax.Array, turning_rate: jax.Array) -> Signals:
     none, eight = jnp.zeros(8), jnp.zeros(8, bool)
     smooth = none.at[ACCEL_Y].set(across).at[YAW_RATE].set(turning)
-    rate = none.at[ACCEL_Y].set(across_rate)
+    rate = none.at[ACCEL_Y].set(across_rate).at[YAW_RATE].set(turning_rate)
     return Signals(smooth, none, eight, smooth, rate, none, none, smooth, rate, jnp.zeros(2), eight)
 
 
@@ -47,7 +47,9 @@ def told(
         )
 
     sideslip = v_y * np.ones(len(roll))
-    rows = tuple(map(jnp.asarray, (roll, sideslip, across, np.gradient(across, DT), turning)))
+    rows = tuple(
+        map(jnp.asarray, (roll, sideslip, across, np.gradient(across, DT), turning, np.gradient(turning, DT)))
+    )
     last, found = jax.lax.scan(step, meter.init(), rows)
     return last, *np.asarray(found).T
 
@@ -103,13 +105,16 @@ def test_a_swerve_is_no_bank(vehicle: Vehicle) -> None:
     """v̇_y makes a lateral specific force that a bank would, too; one that nobody told of is a fault."""
     time = np.arange(0, 4, DT)
     v_y = 0.6 * (1 - np.cos(np.pi * time))
-    turning = 0.1 * np.sin(np.pi * time)
+    turning = -v_y / 3
     across = 20.0 * turning + np.gradient(v_y, DT)
     roll = np.gradient(vehicle.body.roll_gradient * across, DT)
     meter = RollMeter(vehicle)
     last, *_ = told(meter, roll, across, turning, v_y=v_y)
     assert not meter.is_faulty(last)
     last, *_ = told(meter, roll, across, turning)
+    assert meter.is_faulty(last)
+    # nor does a car that does not turn swerve, whatever follows its accelerometer
+    last, *_ = told(meter, 0 * time, np.gradient(v_y, DT), 0 * time, v_y=v_y)
     assert meter.is_faulty(last)
     # what another filter begins anew with is no motion
     last, *_ = told(meter, 0 * time, 0 * time, 0 * time, v_y=np.where(time > 2, 0.0, 1.5))

@@ -65,12 +65,16 @@ class RollMeter(eqx.Module):
     _noise: Float[Array, ""]
     _bias: Float[Array, ""]
     _gradient: Float[Array, ""]
+    _arm: Float[Array, ""]
+    _stiffness: Float[Array, ""]
 
     def __init__(self, vehicle: Vehicle) -> None:
         # the axes of one sensor are alike: the file knows the yaw rate's
         self._noise = leaf(vehicle.sensors.yaw_rate.noise)
         self._bias = jnp.maximum(leaf(vehicle.sensors.yaw_rate.bias), _LEAST_BIAS)
         self._gradient = leaf(vehicle.body.roll_gradient)
+        self._arm = leaf(vehicle.geometry.cg_to_rear_axle)
+        self._stiffness = leaf(vehicle.tires.cornering_stiffness_rear)
 
     def init(self) -> RollState:
         """Nothing has come yet."""
@@ -120,7 +124,9 @@ class RollMeter(eqx.Module):
         tilt = (seen.smooth[ACCEL_Y] - speed * turning) / GRAVITY
         # a car that hardly moves rocks on its tires
         tells = compared & usable & (jnp.abs(speed) > _SLOWEST)
-        told = Tilting(rate, leans, tilt, seen.lag[ACCEL_Y], across, tells)
+        # v_y = r (l_r − v²/gC) in a steady turn; near the limit the rear axle's C is less by half
+        swerves = jnp.abs(seen.rate[YAW_RATE]) * (self._arm + 2 * speed**2 / (GRAVITY * self._stiffness))
+        told = Tilting(rate, leans, tilt, seen.lag[ACCEL_Y], across, swerves, tells)
         check = state.check.goes_on(told, step)
         # what swings between samples that come seldom adds up at random
         missed = unrest * jnp.maximum(gyro.every - _SELDOM, 0.0) * APART_TIME / 2

@@ -17,6 +17,7 @@ _APART = 0.07  # rad: so far apart they are only when the gyroscope fails
 _BRIEF = 0.2  # s of a difference that means nothing: tires shake a car sideways
 _SURE = 5.0  # 1σ of what is added up, that many times
 _SLIDES = (0.06, 0.8, 1.0)  # m/s: a larger 1σ of v_y counts that much, rad per m/s, for s
+_DRIFTS = (0.5, 1.0)  # m/s²: v̇_y of a car that turns evenly, at most; s for which it may still swerve
 _LEAPS = (0.3, 10.0)  # m/s, and m/s²: no car's v_y changes by more from one sample to the next
 _UNKNOWN = 0.25  # m/s: 1σ of v_y from which on its changes are not the car's but who tells it finds it
 
@@ -27,6 +28,7 @@ class Swerve(NamedTuple):
     Attributes:
         v_y: as it was told last, m/s.
         unsure: 1σ of it, at most, of late, m/s.
+        most: |v̇_y| at most, of late, of a car that turns as this one does, m/s².
         late: v_y as late as the low-passed lateral specific force, m/s.
         rate: its derivative, m/s².
         leaps: whether v_y has changed as no car's does, or has not been known of late.
@@ -34,6 +36,7 @@ class Swerve(NamedTuple):
 
     v_y: Float[Array, ""]
     unsure: Float[Array, ""]
+    most: Float[Array, ""]
     late: Float[Array, ""]
     rate: Float[Array, ""]
     leaps: Bool[Array, ""]
@@ -42,16 +45,19 @@ class Swerve(NamedTuple):
     def none(cls) -> Swerve:
         """Nothing has been told."""
         zero = jnp.zeros(())
-        return cls(zero, zero, zero, zero, jnp.asarray(False))
+        return cls(zero, zero, zero, zero, zero, jnp.asarray(False))
 
-    def goes_on(self, across: Float[Array, " 2"], lag: Float[Array, ""], step: Float[Array, ""]) -> Swerve:
-        """With v_y and its 1σ, m/s, ``step`` after the last, and the specific force late by ``lag``, s."""
-        v_y, unsure = across[0], jnp.maximum(across[1], self.unsure * jnp.exp(-step / _SLIDES[2]))
+    def goes_on(self, told: Tilting, step: Float[Array, ""]) -> Swerve:
+        """With a sample, ``step`` after the last, s."""
+        v_y, unsure = told.across[0], jnp.maximum(told.across[1], self.unsure * jnp.exp(-step / _SLIDES[2]))
+        most = jnp.maximum(_DRIFTS[0] + told.swerves, self.most * jnp.exp(-step / _DRIFTS[1]))
         leaps = (jnp.abs(v_y - self.v_y) > _LEAPS[0] + _LEAPS[1] * step) | (unsure > _UNKNOWN)
         # a difference is half a step late by itself
-        share = 1 / jnp.maximum(lag / step + 0.5, 1.0)
+        share = 1 / jnp.maximum(told.lag / step + 0.5, 1.0)
         follows = jnp.where(leaps, 0.0, share * (v_y - self.late))
-        return Swerve(v_y, unsure, jnp.where(leaps, v_y, self.late + follows), follows / step, leaps)
+        # one that goes on without a swerve follows an accelerometer that lies
+        rate = jnp.clip(follows / step, -most, most)
+        return Swerve(v_y, unsure, most, jnp.where(leaps, v_y, self.late + follows), rate, leaps)
 
 
 class Tilting(NamedTuple):
@@ -64,6 +70,7 @@ class Tilting(NamedTuple):
             change, rad.
         lag: s by which that is late.
         across: v_y at the last sample and its 1σ, m/s.
+        swerves: |v̇_y| at most of a car whose yaw rate changes as this one's, m/s².
         tells: whether all that is known.
     """
 
@@ -72,6 +79,7 @@ class Tilting(NamedTuple):
     tilt: Float[Array, ""]
     lag: Float[Array, ""]
     across: Float[Array, " 2"]
+    swerves: Float[Array, ""]
     tells: Bool[Array, ""]
 
 
@@ -108,7 +116,7 @@ class RollCheck(NamedTuple):
 
     def goes_on(self, told: Tilting, step: Float[Array, ""]) -> RollCheck:
         """With a sample, ``step`` after the last, s."""
-        swerve = self.swerve.goes_on(told.across, told.lag, step)
+        swerve = self.swerve.goes_on(told, step)
         swerves = (swerve.rate - self.swerve.rate) / GRAVITY
         counts = self.tells & ~swerve.leaps & ~self.swerve.leaps
         gap = told.rate * step - (told.tilt - self.tilt)
