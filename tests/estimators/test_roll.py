@@ -42,9 +42,7 @@ def told(
     def step(state: RollState, row: tuple[jax.Array, ...]) -> tuple[RollState, jax.Array]:
         rate, sideslip, *others = row
         along, dt = (jnp.asarray(sine), jnp.asarray(speed)), jnp.asarray(DT)
-        return meter.read(
-            state, {"roll_rate": rate}, seen(*others), *along, jnp.stack([sideslip, sideslip * 0 + 0.03]), dt
-        )
+        return meter.read(state, {"roll_rate": rate}, seen(*others), *along, jnp.array([sideslip, 0.03]), dt)
 
     sideslip = v_y * np.ones(len(roll))
     rows = tuple(

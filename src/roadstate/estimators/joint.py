@@ -279,8 +279,8 @@ class Joint(Estimator[JointState]):
         roll, banking = state.roll, jnp.asarray([0.0, jnp.inf])
         if "roll_rate" in self.channels:
             sine = along.gaussian.mean[SLOPE] / GRAVITY
-            told = jnp.stack([across[V_Y], across_std[V_Y]])
-            roll, banking = self.roll.read(roll, sample, seen, sine, speed, told, dt)
+            sideslip = jnp.stack([across[V_Y], across_std[V_Y]])
+            roll, banking = self.roll.read(roll, sample, seen, sine, speed, sideslip, dt)
         contact, touch = self.inputs.contact.touch(
             contact, seen, forces, speed, rolling, gain, GRAVITY * banking, since
         )

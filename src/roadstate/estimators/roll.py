@@ -18,7 +18,7 @@ from roadstate.linalg import root, rss
 if TYPE_CHECKING:
     from roadstate.vehicles import Vehicle
 
-_LEAN_TIME = 0.3  # s for which that errs alike
+_LEAN_TIME = 0.3  # s for which the roll gradient errs alike
 _SWING_TIME = 0.15  # s for which the body swings to one side
 _SWIFTEST = 0.2  # rad/s: no faster does a road bank under a car
 _BIAS_TIME = 60.0  # s over which the rate averages out, but for the gyroscope's bias
@@ -40,7 +40,7 @@ class RollState(NamedTuple):
         heard: s of samples, at most :data:`_BIAS_TIME`.
         steady: low-passed rate, rad/s.
         unrest: mean square of what the body swings besides, rad²/s².
-        check: what that adds up to, against the lateral accelerometer.
+        check: what the rate adds up to, against the lateral accelerometer.
         distrust: s for which the gyroscope is still not believed.
     """
 

@@ -16,10 +16,10 @@ APART_TIME = 2.0
 _APART = 0.07  # rad: so far apart they are only when the gyroscope fails
 _BRIEF = 0.2  # s of a difference that means nothing: tires shake a car sideways
 _SURE = 5.0  # 1σ of what is added up, that many times
-_SLIDES = (0.06, 0.8, 1.0)  # m/s: a larger 1σ of v_y counts that much, rad per m/s, for s
+_SLIDES = (0.06, 0.8, 1.0)  # m/s: what 1σ of v_y has beyond, counts; rad per m/s of it; s for which
 _DRIFTS = (0.5, 1.0)  # m/s²: v̇_y of a car that turns evenly, at most; s for which it may still swerve
 _LEAPS = (0.3, 10.0)  # m/s, and m/s²: no car's v_y changes by more from one sample to the next
-_UNKNOWN = 0.25  # m/s: 1σ of v_y from which on its changes are not the car's but who tells it finds it
+_UNKNOWN = 0.25  # m/s: with a larger 1σ v_y changes because it is being found, not because the car swerves
 
 
 class Swerve(NamedTuple):
@@ -55,7 +55,7 @@ class Swerve(NamedTuple):
         # a difference is half a step late by itself
         share = 1 / jnp.maximum(told.lag / step + 0.5, 1.0)
         follows = jnp.where(leaps, 0.0, share * (v_y - self.late))
-        # one that goes on without a swerve follows an accelerometer that lies
+        # a v_y that changes while the car does not swerve follows an accelerometer that lies
         rate = jnp.clip(follows / step, -most, most)
         return Swerve(v_y, unsure, most, jnp.where(leaps, v_y, self.late + follows), rate, leaps)
 
