@@ -50,6 +50,7 @@ LACKING = {
 }
 """Which channels each kind of log lacks; those but the first are read by ``joint`` only."""
 _OF_ROAD = ("grade", "bank")  # the mean over a second counts: what is shorter is unevenness
+_OF_WHEELS = tuple(f"_{w}" for w in WHEELS)
 _APART = 1000  # between the seeds of two vehicles
 _HOW = (
     "`python -m benchmarks.drawn --save`: {count} drives of {seconds:.0f} s each of {vehicles}; the "
@@ -98,8 +99,9 @@ class Study(NamedTuple):
 
 
 def rows(said: Estimates, log: Log) -> dict[str, Row]:
-    """Of every quantity that the log has the truth of."""
+    """Of every quantity that the log has the truth of; of what each wheel has, the mean."""
     found = {}
+    of_wheels = defaultdict(list)
     for quantity in (q for q in said.values if not is_bound(q)):
         truth = reference(quantity, log.channels)
         ends = interval(said, quantity)
@@ -113,8 +115,12 @@ def rows(said: Estimates, log: Log) -> dict[str, Row]:
         squared = (told - presented(quantity, truth)) ** 2
         variance = (presented(quantity, values + std) - told) ** 2
         inside, above = (ends[0] <= truth) & (truth <= ends[1]), ends[0] <= truth
-        found[quantity] = Row(*(float(np.mean(part[used])) for part in (squared, variance, inside, above)))
-    return found
+        row = Row(*(float(np.mean(part[used])) for part in (squared, variance, inside, above)))
+        if quantity.endswith(_OF_WHEELS):
+            of_wheels[f"{quantity[:-3]} of a wheel"].append(row)
+        else:
+            found[quantity] = row
+    return found | {name: Row(*np.mean(of, axis=0).tolist()) for name, of in of_wheels.items()}
 
 
 def cells(of_drives: list[Row]) -> list[str]:

@@ -97,6 +97,11 @@ def _tables() -> tuple[dict[str, Channel], dict[str, Reference]]:
                 Channel(f"force_{axis}_{group}", "N", f"{what}, {where}", sign),
                 Reference(_per_wheel(f"ref_force_{axis}", wheels=wheels), _sum),
             )
+    for wheel in WHEELS:
+        add(
+            Channel(f"load_{wheel}", "N", f"vertical load, {_GROUPS[wheel][0]}", "magnitude, never negative"),
+            Reference((f"ref_load_{wheel}",), _first),
+        )
     add(
         Channel("speed", "m/s", "velocity of the centre of gravity along x", "forward"),
         plain("ref_velocity_x"),

@@ -37,6 +37,7 @@ class AxleForces(NamedTuple):
         told: (4,) F_x of the wheels as torques alone tell them, N.
         now: what of it is wanted without the low pass's lag.
         stir: (2, 2) by how much the axles' F_x and F_y were ahead of the low pass lately, at most, N.
+        jolt: (4,) the same of the wheels' F_x, N.
         shaken: (2,) root mean square of what the road shakes the accelerometers by, m/s².
         along_std, across_std: (4,), (2,) 1σ over load, beyond what every such measurement errs; infinite
             where nothing tells.
@@ -61,6 +62,7 @@ class AxleForces(NamedTuple):
     told: Float[Array, " 4"]
     now: Current
     stir: Float[Array, "2 2"]
+    jolt: Float[Array, " 4"]
     shaken: Float[Array, " 2"]
     along_std: Float[Array, " 4"]
     across_std: Float[Array, " 2"]

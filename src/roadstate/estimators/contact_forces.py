@@ -29,7 +29,7 @@ from roadstate.estimators.load_transfer import Lean
 from roadstate.estimators.signals import NEVER, STANDSTILL_SPEED, Held, way
 from roadstate.estimators.traction import LEAST_BRAKING, UNKNOWN, Traction, TractionMeter, TractionState
 from roadstate.estimators.unseen_brakes import BrakeWatch, UnseenBrakes
-from roadstate.linalg import rss
+from roadstate.linalg import root, rss
 from roadstate.vehicles import SevenDofForces
 
 if TYPE_CHECKING:
@@ -71,7 +71,7 @@ class ForceMeterState(NamedTuple):
             intensity of its error, m/s²/√Hz; and by how much the accelerometer has told more of late, m/s².
         calm: (3, 2) F_x of the axles without their wheels' noise, as accelerometer and torques and as torques
             alone tell it, and F_y without what a rough road shakes, N: the current ones low-passed.
-        stir: (2, 2) as :class:`~roadstate.estimators.axle_forces.AxleForces`.
+        stir, jolt: (2, 2), (4,) as :class:`~roadstate.estimators.axle_forces.AxleForces`.
         held: (4,) F_x of the wheels when brakes last let the car move, N.
         lean: of the body, that shifts load from axle to axle.
     """
@@ -83,6 +83,7 @@ class ForceMeterState(NamedTuple):
     explained: Float[Array, " 3"]
     calm: Float[Array, "3 2"]
     stir: Float[Array, "2 2"]
+    jolt: Float[Array, " 4"]
     held: Float[Array, " 4"]
     lean: Lean
 
@@ -183,6 +184,7 @@ class ForceMeter(eqx.Module):
             jnp.zeros((3, 2)),
             jnp.zeros((2, 2)),
             jnp.zeros(4),
+            jnp.zeros(4),
             Lean.upright(),
         )
 
@@ -192,7 +194,7 @@ class ForceMeter(eqx.Module):
         now, still, no = Current(two, two, two, zero), jnp.zeros((2, 2)), jnp.zeros((), bool)
         load = self.car.wheel_loads(zero, zero)
         return AxleForces(
-            four, two, load, four, four, now, still, two, four + jnp.inf, two + jnp.inf, two,
+            four, two, load, four, four, now, still, four, two, four + jnp.inf, two + jnp.inf, two,
             Lean.upright(), zero, zero, zero, zero, zero, zero, zero + 1.0, zero, zero, zero + NEVER,
             no, no, no,
         )  # fmt: skip
@@ -274,13 +276,17 @@ class ForceMeter(eqx.Module):
         swift = calm + damped(current - calm, noise[:, None] * axles)
         now = Current(swift[0], swift[1], swift[2], signals.now_rate[YAW_RATE])
         ahead = jnp.abs(jnp.stack([current[0] - by_axle(slow.along), fast.across - slow.across]))
-        stir = jnp.maximum(ahead, state.stir * jnp.exp(-dt / _STIRRED))
+        calms = jnp.exp(-dt / _STIRRED)
+        stir = jnp.maximum(ahead, state.stir * calms)
+        jolt = jnp.maximum(jnp.abs(fast.along - slow.along), state.jolt * calms)
         split = jnp.where(slow.blind, _SPLIT_ERROR * jnp.max(jnp.abs(slow.along)), 0.02 * jnp.abs(slow.rest))
         if self.torque_of == "engine":
             split = rss(split, _DIFFERENTIAL * jnp.abs(torque[:4]) / radius)
         unsure = jnp.where(scene.felt | (scene.known & ~unseen.act), 0.0, jnp.inf)
         rotation = jnp.abs(signals.rate[YAW_RATE])
-        moment = _INERTIA_ERROR * car.yaw_inertia * rotation / (axles * car.wheelbase)
+        # what one side brakes more than the other turns the car, too
+        pulled = root(jnp.sum((self._half_track * split) ** 2))
+        moment = rss(_INERTIA_ERROR * car.yaw_inertia * rotation, pulled) / (axles * car.wheelbase)
         missing = jnp.where((signals.age[ACCEL_Y] < STALE) & (signals.age[YAW_RATE] < STALE), 0.0, jnp.inf)
         gust = 2 * drag / jnp.maximum(jnp.abs(speed), 1.0) * _GUST
         forces = AxleForces(
@@ -291,6 +297,7 @@ class ForceMeter(eqx.Module):
             told=slow.told,
             now=now,
             stir=stir,
+            jolt=jolt,
             shaken=signals.shaken,
             along_std=split / jnp.maximum(load, 0.1 * jnp.mean(load)) + unsure,
             across_std=rss(moment, _PLACE_ERROR * rotation / GRAVITY) + missing,
@@ -302,7 +309,7 @@ class ForceMeter(eqx.Module):
             brake=jnp.sum(torque[4:]) / (radius * mass),
             rolling=GRAVITY * direction,
             lever=drive.lever / mass,
-            intensity=self._intensity(drive, unseen, fresh - torque, speed, gust, accel, scene.sine),
+            intensity=self._intensity(drive, scene, fresh - torque, speed, gust, accel),
             gust=gust,
             held=drive.held_std / mass,
             age=drive.age,
@@ -311,7 +318,9 @@ class ForceMeter(eqx.Module):
             may_brake=unseen.may_act,
         )
         told = jnp.stack([forces.explained, forces.intensity, apart])
-        return ForceMeterState(traction, brakes, torque, drive.age, told, calm, stir, kept, lean), forces
+        return ForceMeterState(
+            traction, brakes, torque, drive.age, told, calm, stir, jolt, kept, lean
+        ), forces
 
     def _freed(self, signals: Float[Array, " 8"], lean: Lean) -> Float[Array, " 2"]:
         """Specific forces alone: signals are freed of the pitch that would last, not of this one."""
@@ -375,21 +384,14 @@ class ForceMeter(eqx.Module):
         return jnp.stack([(front - (along[0] + along[1]) * sine) / cosine, rear])
 
     def _intensity(
-        self,
-        drive: Traction,
-        unseen: UnseenBrakes,
-        jump: Array,
-        speed: Array,
-        gust: Array,
-        accel: Array,
-        sine: Array,
+        self, drive: Traction, at: _Scene, jump: Array, speed: Array, gust: Array, accel: Array
     ) -> Array:
         """White error of the specific force that torques tell, m/s²/√Hz."""
         mass, radius = self.car.mass, self.car.wheel_radius[0]
         white = rss(drive.torque_std * _TORQUE_TIME**0.5, drive.held_noise) / mass
         late = jnp.sum(jnp.abs(jump)) / (radius * mass) * (_TORQUE_DELAY / SMOOTHING * _TORQUE_TIME**0.5)
-        turning = _TURNING * accel[1] * sine
+        turning = _TURNING * accel[1] * at.sine
         lost = jnp.where(drive.is_shifting, UNKNOWN["shift"], 0.0)
         lost = jnp.where(drive.age < STALE, lost, UNKNOWN["drive"])
-        brake = jnp.where(unseen.may_act | (jnp.abs(speed) < _CRAWL), UNKNOWN["brake"], 0.0)
+        brake = jnp.where(at.unseen.may_act | (jnp.abs(speed) < _CRAWL), UNKNOWN["brake"], 0.0)
         return jnp.sqrt(_UNEVEN**2 + gust**2 + white**2 + late**2 + turning**2 + lost**2 + brake**2)

@@ -48,6 +48,7 @@ from roadstate.estimators.sideways import BANK, V_Y
 from roadstate.estimators.signals import NEVER
 from roadstate.estimators.tire_contact import ContactState
 from roadstate.estimators.watch import Watch, WatchState
+from roadstate.estimators.wheel_forces import WheelSharing
 from roadstate.filters import EKF, FilterState, GateRule
 from roadstate.filters.base import select
 from roadstate.linalg import root, rss
@@ -126,13 +127,11 @@ class Joint(Estimator[JointState]):
     torques, the mass and an accelerometer's bias; with altitude or rate of climb, the grade free of bias;
     with a roll rate, a bank apart from a slide.
 
-    What it cannot know: how an axle's lateral force is shared by its wheels; friction that is not used: then
-    the lower bound is what has been used, the upper one the prior's, and validity says ``low_excitation``;
-    without torques or altitude, a bias of the accelerometer from a slope.
+    What it cannot know: friction that is not used (then the lower bound is what has been used, the upper one
+    the prior's, and validity says ``low_excitation``); without torques or altitude, a bias from a slope.
 
     Attributes:
-        watch, signals, direction, trust, forces, along, filter, bank, pitch, roll, inputs: the
-            parts.
+        watch, signals, direction, trust, forces, along, filter, bank, pitch, roll, inputs, sharing: parts.
         knows_sides: whether there are a lateral acceleration and a yaw rate.
         speed_scale: 1σ of the speed's scale.
         mass_std: 1σ of the mass, as a share, before anything is learnt.
@@ -166,6 +165,7 @@ class Joint(Estimator[JointState]):
     pitch: PitchMeter
     roll: RollMeter
     inputs: AlongIntake
+    sharing: WheelSharing
     knows_sides: bool = eqx.field(static=True)
     speed_scale: Float[Array, ""]
     mass_std: Float[Array, ""]
@@ -198,6 +198,7 @@ class Joint(Estimator[JointState]):
             pitch=PitchMeter(vehicle),
             roll=RollMeter(vehicle),
             inputs=AlongIntake(vehicle, model.sensors, available, knows_brakes=forces.knows_brakes),
+            sharing=WheelSharing.of(vehicle),
             knows_sides=signals.has[ACCEL_Y] and signals.has[YAW_RATE],
             speed_scale=leaf(0.0 if "speed" in available else vehicle.sensors.wheel_speed.scale),
             mass_std=leaf(vehicle.prior.mass_relative),

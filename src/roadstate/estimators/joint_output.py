@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Int
 
+from roadstate.core.channels import WHEELS
 from roadstate.core.constants import GRAVITY
 from roadstate.core.estimates import Validity
 from roadstate.core.numerics import in_default
@@ -19,6 +20,7 @@ from roadstate.estimators.friction_bank import VIEWS
 from roadstate.estimators.intake import ACCEL_X, ACCEL_Y, SMOOTHING, SPIN, STALE, YAW_RATE
 from roadstate.estimators.sideways import BANK, BIAS_Y, LEVER, SLOWEST, V_Y
 from roadstate.estimators.signals import STANDSTILL_SPEED
+from roadstate.estimators.wheel_forces import Known
 from roadstate.linalg import root, rss
 
 if TYPE_CHECKING:
@@ -123,20 +125,30 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
         bank = jnp.arcsin(jnp.clip(side[BANK] / GRAVITY, -0.99, 0.99))
         tell("bank", bank, side_std[BANK] / (GRAVITY * jnp.cos(bank)))
     shaken = jnp.asarray(_SHAKEN, axles.dtype) * forces.shaken / GRAVITY
+    along = scale * straight
+    parked = _PARKED * axles * jnp.exp(-((mean[SPEED] / STANDSTILL_SPEED) ** 2))
+    rough = rss(_ROUGH[0] * axles, shaken[0] * axles, _SHARED * straight, straight_std)
+    along_std = rss(scale_std * straight, rough, parked)
+    unsure = 0.5 * by_axle(forces.along_std)
+    spread = jnp.where(jnp.isfinite(unsure), unsure, 1.0) * axles
+    across = scale * lateral
+    rough = rss(_ROUGH[1] * axles, shaken[1] * axles, _CG_ERROR * jnp.sum(lateral))
+    missing = jnp.where(jnp.isfinite(forces.across_std), forces.across_std, 1.0) * axles
+    biased = side_std[BIAS_Y] / GRAVITY * axles
+    across_std = rss(scale_std * lateral, rough, leads[1], biased, missing)
     for i, where in enumerate(("front", "rear")):
-        load, along = axles[i], straight[i]
-        rough = rss(scale_std * along, _ROUGH[0] * load, shaken[0] * load, _SHARED * along, straight_std[i])
-        parked = _PARKED * load * jnp.exp(-((mean[SPEED] / STANDSTILL_SPEED) ** 2))
-        unsure = 0.5 * (forces.along_std[2 * i] + forces.along_std[2 * i + 1])
-        spread = jnp.where(jnp.isfinite(unsure), unsure, 1.0) * load
-        tell(f"force_x_{where}", scale * along, rss(rough, leads[0, i], parked, spread))
+        tell(f"force_x_{where}", along[i], rss(along_std[i], leads[0, i], spread[i]))
         if joint.knows_sides:
-            across = lateral[i]
-            rough = rss(scale_std * across, _ROUGH[1] * load, shaken[1] * load, _CG_ERROR * jnp.sum(lateral))
-            biased = side_std[BIAS_Y] / GRAVITY * load
-            spread = jnp.where(jnp.isfinite(forces.across_std[i]), forces.across_std[i], 1.0) * load
-            tell(f"force_y_{where}", scale * across, rss(rough, leads[1, i], biased, spread))
+            tell(f"force_y_{where}", across[i], across_std[i])
     low, middle, high = state.friction
+    wheels = joint.sharing.share(
+        forces, Known(along, along_std, across, across_std, middle[1:3], scale, scale_std, mean[SPEED])
+    )
+    for i, where in enumerate(WHEELS):
+        tell(f"force_x_{where}", wheels.along[i], wheels.along_std[i])
+        if joint.knows_sides:
+            tell(f"force_y_{where}", wheels.across[i], wheels.across_std[i])
+            tell(f"load_{where}", wheels.load[i], wheels.load_std[i])
     spread = joint.bank.std(state.bank, middle)
     for i, view in enumerate(VIEWS):
         name = f"friction_peak{view}"
