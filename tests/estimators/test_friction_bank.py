@@ -25,7 +25,7 @@ def touch(along: float | list[float] = 0.0, slip: float | list[float] = 0.0) -> 
         along=jnp.asarray(along) * four, slip=jnp.asarray(slip) * four, slip_std=0.002 * four,
         slip_noise=0.0 * four,
         slip_shared=zero + 0.002, across_std=two, along_std=0.0 * four, split_std=0.0 * four,
-        shaken=two, transfer=two, lag=zero + 0.05, banking=jnp.asarray([0.0, jnp.inf]),
+        shaken=two, transfer=two, lag=zero + 0.05, banking=jnp.asarray([0.0, jnp.inf]), spins=zero > 0,
     )  # fmt: skip
 
 

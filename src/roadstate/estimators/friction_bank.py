@@ -52,6 +52,7 @@ _JUMP = 1 / 400.0  # 1/m: how often the road's friction changes altogether
 _JOINS = 1 / 5.0
 _DRIFT = 0.1**2 / 300.0  # 1/m: variance of ln μ that is added by driving on
 _SIDESLIP = (0.1, 0.03)  # rad: 1σ of the rear axle's slip angle where friction is 1, and at the least
+_SPUN = 2.0  # rad: of a car that spins
 _SLIDES = 1.0  # s in which it becomes another one
 _ANGLE_ERROR = 0.002  # rad: 1σ of a slip angle, besides what v_y and the steering's bias do to it
 _BEND = 0.3  # 1σ of an axle's force, as a share of what it lacks of a linear one
@@ -215,8 +216,8 @@ class FrictionBank(eqx.Module):
         takes = jnp.maximum((2 * FORCE_ERROR_TIME + 1 / anew[:2]) / step, 1.0)
         speed = jnp.maximum(jnp.abs(touch.speed), SLOWEST)
         # beyond its peak a tire tells nothing of the sideslip: a car that is driven does not slide far, and
-        # where the road is slippery the peak comes at a smaller angle
-        likely = jnp.maximum(_SIDESLIP[0] * self.friction, _SIDESLIP[1])
+        # where the road is slippery the peak comes at a smaller angle; one that spins may have any
+        likely = jnp.maximum(_SIDESLIP[0] * self.friction, jnp.where(touch.spins, _SPUN, _SIDESLIP[1]))
         rear = (x[V_Y] + self.motion.arm[1] * touch.yaw_rate) / speed
         zero = jnp.zeros_like(rear)
         row = jnp.stack([jnp.full_like(rear, 1 / speed), *[zero] * (SIZE - 1)])

@@ -283,7 +283,7 @@ class Joint(Estimator[JointState]):
             sideslip = jnp.stack([across[V_Y], across_std[V_Y]])
             roll, banking = self.roll.read(roll, sample, seen, sine, speed, sideslip, dt)
         contact, touch = self.inputs.contact.touch(
-            contact, seen, forces, speed, rolling, gain, GRAVITY * banking, since
+            contact, seen, forces, speed, rolling, gain, GRAVITY * banking, state.trust.slides > 0, since
         )
         late = self.watch.lateness(watch, WHEEL_SPEEDS) * gain / jnp.maximum(jnp.abs(speed), 1.0)
         touch = touch._replace(slip_shared=rss(touch.slip_shared, jnp.max(jnp.abs(late))))
@@ -319,26 +319,9 @@ class Joint(Estimator[JointState]):
         fault_age = jnp.where(faulty, state.fault_age + dt, 0.0)
         friction = once(self._friction(bank))
         new = JointState(
-            watch,
-            held,
-            direction,
-            trust,
-            meter,
-            along,
-            contact,
-            bank,
-            pitch,
-            roll,
-            unrest,
-            shortfall,
-            speed_age,
-            jnp.where(lost, 0.0, against),
-            doubt,
-            fault_age,
-            forces,
-            friction,
-            state.validity,
-        )
+            watch, held, direction, trust, meter, along, contact, bank, pitch, roll, unrest, shortfall,
+            speed_age, jnp.where(lost, 0.0, against), doubt, fault_age, forces, friction, state.validity,
+        )  # fmt: skip
         validity = validity_of(self, new, self._faults(new), info.ok)
         info = eqx.tree_at(lambda i: i.log_likelihood, info, info.log_likelihood + likelihood)
         return new._replace(validity=validity), info

@@ -68,6 +68,7 @@ class PlausibilityState(NamedTuple):
         reference: (13,) what the others say.
         effort: (4,) m/s², how hard drive and brakes have acted of late.
         excused: (4,) s for which each wheel may go on spinning or locked.
+        slides: s for which the car may go on sliding sideways.
         speed: the speed signal.
     """
 
@@ -79,6 +80,7 @@ class PlausibilityState(NamedTuple):
     reference: Float[Array, " 13"]
     effort: Float[Array, " 4"]
     excused: Float[Array, " 4"]
+    slides: Float[Array, ""]
     speed: Held
 
 
@@ -125,7 +127,7 @@ class Plausibility(eqx.Module):
         none = jnp.zeros(_COUNT)
         zero = jnp.zeros(())
         evidence, never, four = jnp.zeros((4, _COUNT)), none > 0, jnp.zeros(4)
-        return PlausibilityState(none, none, zero, evidence, never, none, four, four, Held.empty())
+        return PlausibilityState(none, none, zero, evidence, never, none, four, four, zero, Held.empty())
 
     def fault_names(self, named: Sequence[str | None]) -> tuple[str, ...]:
         """What :meth:`faults` tells of, as sentences.
@@ -220,7 +222,7 @@ class Plausibility(eqx.Module):
         rate = (held.value - state.smooth[last]) / _SMOOTHING
         effort = jnp.maximum(state.effort * jnp.exp(-dt / _AFTERWARDS), self.redundancy.effort(seen, forces))
         excused = self.redundancy.excused(state.excused, seen, forces, effort, speed, dt)
-        told = self.redundancy.tell(seen, forces, held, rate, effort, excused, speed)
+        told = self.redundancy.tell(seen, forces, held, rate, effort, excused, state.slides, speed, dt)
         value, std = once((told.value, told.std))
         there = jnp.isfinite(std)
         since = jnp.where(there, state.since + dt, 0.0)
@@ -262,4 +264,6 @@ class Plausibility(eqx.Module):
         most = jnp.asarray([(_ONE_SIDED + 1) * _SWAPPED] * 2 + [2 * _LIES] * 2)[:, None]
         raised = jnp.clip(state.evidence + evidence, least, most)
         proven = state.proven | (jnp.min(raised[:2], axis=0) < -_SWAPPED)
-        return PlausibilityState(since, smooth, slope, raised, proven, reference, effort, excused, held)
+        return PlausibilityState(
+            since, smooth, slope, raised, proven, reference, effort, excused, told.slides, held
+        )

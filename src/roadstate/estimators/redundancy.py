@@ -40,6 +40,9 @@ _GYRO = (0.01, 0.03)  # rad/s, and share
 _PAIR = (0.015, 0.005, 0.7)  # rad/s; share of the speed: radii, loads; share of the slip that forces make
 _ACCEL_Y = (0.7, 0.15)  # m/s²: banked roads, v̇_y; and share
 _STEER = (0.25, 0.006, 1.5, 0.5)  # share; rad; m/s² that any road holds; share of what is beyond
+# m/s² by which gyroscope and wheels' differences alike exceed what steering and lateral acceleration lead to
+# where the car slides sideways, and s for which it may go on
+_SLIDES = (2.0, 2.0)
 _WHEEL = (0.15, 0.01)  # m/s; share of the speed
 _HELD = 0.08  # torque over load that any road holds: a wheel under more may spin or lock
 _ROLLS = (2.0, 0.15)  # m/s, and share of the speed, by which a wheel that rolls may differ from it
@@ -56,11 +59,13 @@ class Tellings(NamedTuple):
         value: (13,) specific force in m/s², yaw rate in rad/s, speed in m/s.
         std: (13,) 1σ, infinite where it says nothing.
         answers: (13,) whether it must say so if its sensors are sound.
+        slides: s for which the car may still slide sideways.
     """
 
     value: Float[Array, " 13"]
     std: Float[Array, " 13"]
     answers: Bool[Array, " 13"]
+    slides: Float[Array, ""]
 
 
 def inner_mean(values: Float[Array, "... k"], present: Bool[Array, "... k"]) -> tuple[Array, Array, Array]:
@@ -98,6 +103,11 @@ class Redundancy(eqx.Module):
     - steering, by the single-track model in steady state: r = v δ/(L + v²/g (1/C_f − 1/C_r)), C the
       cornering stiffnesses over load (Mitschke & Wallentowitz, *Dynamik der Kraftfahrzeuge*, part C). What it
       demands beyond the acceleration that any road holds need not come about.
+
+    A car that spins turns otherwise than it is steered, and than its tires push it aside: v̇_y is several
+    m/s². Where the gyroscope and the wheels' differences contradict both of the others, one of which alone
+    may lie, these two say nothing of the yaw rate for a while, nor wheels of the acceleration: v_y r is not
+    small.
 
     Speed, each wheel R ω cos δ ± r T/2 against the others and a speed signal. A wheel under a torque that
     some road would not hold may spin or lock, which is no fault of its sensor, and then has not to answer for
@@ -183,7 +193,9 @@ class Redundancy(eqx.Module):
         signal_rate: Float[Array, ""],
         effort: Float[Array, " 4"],
         excused: Float[Array, " 4"],
+        slides: Float[Array, ""],
         speed: Float[Array, ""],
+        dt: Float[Array, ""],
     ) -> Tellings:
         """What each way leads to.
 
@@ -194,7 +206,9 @@ class Redundancy(eqx.Module):
             signal_rate: its rate, m/s².
             effort: (4,) m/s², of late the most of :meth:`effort`.
             excused: (4,) s, of :meth:`excused`.
+            slides: of the sample before, 0 at the first.
             speed: the estimate so far, m/s.
+            dt: s.
         """
         smooth, known = seen.smooth, seen.age < STALE
         spin, has_spin = smooth[SPIN], known[SPIN]
@@ -223,11 +237,6 @@ class Redundancy(eqx.Module):
             ),
             rss(_TORQUE[0], _TORQUE[1] * explained) + jnp.where(forces.is_shifting, _TORQUE[2], 0.0),
         ]
-        along_known = [
-            known[ACCEL_X] & moves,
-            has_accel & moves,
-            (forces.age < STALE) & (~forces.is_brake_unknown) & moves,
-        ]
         # the yaw rate
         safe = jnp.where(jnp.abs(speed) < 1.0, jnp.where(speed < 0, -1.0, 1.0), speed)
         track = self.track * jnp.stack([cosine, jnp.ones_like(cosine)])
@@ -247,10 +256,19 @@ class Redundancy(eqx.Module):
             rss(_PAIR[0], rolling),
             jnp.stack([rss(_ACCEL_Y[0], _ACCEL_Y[1] * smooth[ACCEL_Y]) / jnp.abs(safe), steer_std]),
         ]
-        turning_known = [
-            known[YAW_RATE][None],
-            rolls[0::2] & rolls[1::2],
-            jnp.stack([known[ACCEL_Y], known[STEER]]),
+        paired = rolls[0::2] & rolls[1::2]
+        both = known[ACCEL_Y] & known[STEER]
+        turns = jnp.concatenate([smooth[YAW_RATE][None], pair])
+        apart = jnp.abs(turns - turning[2][:, None])
+        apart = jnp.min(jnp.where(jnp.append(True, paired), apart, jnp.inf)) * jnp.abs(safe)
+        spins = both & known[YAW_RATE] & jnp.any(paired) & (apart > _SLIDES[0]) & moves
+        slides = jnp.where(spins, _SLIDES[1], jnp.maximum(slides - dt, 0.0))
+        held = jnp.stack([known[ACCEL_Y], known[STEER]]) & (slides <= 0)
+        turning_known = [known[YAW_RATE][None], paired, held]
+        along_known = [
+            known[ACCEL_X] & moves,
+            has_accel & moves & (slides <= 0),  # it moves aside, which turns forward
+            (forces.age < STALE) & (~forces.is_brake_unknown) & moves,
         ]
         # the speed
         half = 0.5 * jnp.stack([self.track[0], -self.track[0], self.track[1], -self.track[1]])
@@ -276,4 +294,6 @@ class Redundancy(eqx.Module):
         # wheels that spin or lock follow no steering
         steers = jnp.all(excused[:2] <= 0)
         answers = others.at[wheels_at].set(free).at[TELLINGS.index("steer")].set(steers)
-        return Tellings(value, std, answers)
+        # only wheels that slip sideways contradict it then
+        answers = answers.at[TELLINGS.index("yaw_rate")].set(slides <= 0)
+        return Tellings(value, std, answers, slides)

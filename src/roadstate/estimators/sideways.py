@@ -8,7 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from roadstate.core.constants import GRAVITY
 from roadstate.core.kernel import once
@@ -77,6 +77,7 @@ class Touch(NamedTuple):
         lag: s by which ``angle`` lags, and so v_y must.
         banking: g times the rate of the road's bank, m/s³, and its white error, m/s³/√Hz, infinite where
             no roll rate tells it.
+        spins: whether the car slides as far as one that nobody holds.
     """
 
     speed: Float[Array, ""]
@@ -98,6 +99,7 @@ class Touch(NamedTuple):
     transfer: Float[Array, " 2"]
     lag: Float[Array, ""]
     banking: Float[Array, " 2"]
+    spins: Bool[Array, ""]
 
 
 class Sideways(eqx.Module):

@@ -244,6 +244,7 @@ class TireContact(eqx.Module):
         rolling: tuple[Array, Array],
         accel: Array,
         banking: Array,
+        spins: Array,
         dt: Array,
     ) -> tuple[ContactState, Touch]:
         """How the tires touch the road.
@@ -255,7 +256,7 @@ class TireContact(eqx.Module):
             speed: m/s.
             rolling: by what share the rolling radius exceeds the file's, and 1σ of a slip of all wheels.
             accel: its rate, m/s².
-            banking: (2,) of the road, as :class:`~roadstate.estimators.sideways.Touch` has it.
+            banking, spins: as :class:`~roadstate.estimators.sideways.Touch` has them.
             dt: s.
         """
         moving = jnp.maximum(jnp.abs(speed), 1.0)
@@ -311,6 +312,7 @@ class TireContact(eqx.Module):
             transfer=transfer,
             lag=lag + late[YAW_RATE],
             banking=banking,
+            spins=spins,
         )
         memory = state._replace(
             angle=angle,

@@ -1,0 +1,123 @@
+"""A car that spins turns otherwise than it is steered and pushed aside, and all its sensors are sound."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from roadstate.core import WHEELS, Estimates, Log
+from roadstate.core.quantities import reference
+from roadstate.estimators import build
+from roadstate.estimators.contact_forces import ForceMeter
+from roadstate.estimators.intake import ACCEL_Y, SPIN, STEER, YAW_RATE, Signals
+from roadstate.estimators.redundancy import TELLINGS, Redundancy, Tellings
+from roadstate.estimators.signals import Held
+from roadstate.papers.base import MISMATCHED
+from roadstate.papers.plants import told
+from roadstate.run import batch
+from roadstate.sim.manoeuvres import manoeuvre
+from roadstate.sim.plant import multibody_plant
+from roadstate.sim.run import drive, truth_table
+from roadstate.sim.sensors import measure, sensor_preset, to_log
+from roadstate.vehicles import Vehicle
+
+SATELLITE = {"speed", "altitude", "vertical_speed", "latitude", "longitude"}
+SPEED = 20.0
+
+
+@pytest.fixture(scope="module")
+def spins(vehicle: Vehicle) -> list[tuple[Log, Estimates]]:
+    """Sine with dwell on half of a dry road's friction: sideslip grows to 45°."""
+    script = manoeuvre("sine-with-dwell").prepare(vehicle, friction=0.5)
+    table = truth_table(drive(multibody_plant(vehicle), script, vehicle, rate=200.0))
+    logs = [to_log(measure(table, sensor_preset("automotive"), seed=s, metadata={})) for s in (0, 1)]
+    channels = [c for c in logs[0].available if c not in SATELLITE]
+    cars = [build("joint", told(vehicle, MISMATCHED, s), channels) for s in (0, 1)]
+    return list(zip(logs, batch(cars, logs), strict=True))
+
+
+def error(log: Log, said: Estimates, quantity: str) -> np.ndarray:
+    true = reference(quantity, log.channels)
+    assert true is not None
+    return said.values[quantity] - true
+
+
+def test_no_sound_sensor_is_called_faulty(spins: list[tuple[Log, Estimates]]) -> None:
+    for log, said in spins:
+        largest = np.abs(np.arctan2(log["ref_velocity_y"], log["ref_velocity_x"])).max()
+        assert largest > np.radians(40)  # it does spin
+        assert said.metadata.get("faults", []) == []
+        assert (said.labels() != "sensor_fault").all()
+
+
+@pytest.mark.parametrize(("quantity", "most"), [("velocity_y", 0.8), ("speed", 0.6), ("friction_used", 0.04)])
+def test_the_motion_is_known_to_its_end(
+    spins: list[tuple[Log, Estimates]], quantity: str, most: float
+) -> None:
+    """v_y of up to 10 m/s, of which the last seconds' are integrated."""
+    for log, said in spins:
+        off = error(log, said, quantity)[100:]
+        assert np.sqrt(np.mean(off**2)) < most
+        assert np.mean(np.abs(off) < 3 * said.std[quantity][100:]) > 0.9
+
+
+def test_friction_stays_known(spins: list[tuple[Log, Estimates]]) -> None:
+    for log, said in spins:
+        late = log.time > 3.5
+        assert (np.abs(said.values["friction_peak"] - 0.5)[late] < 0.06).all()
+        assert (said.values["friction_peak_lower"][late] < 0.5).all()
+        assert (said.values["friction_peak_upper"][late] > 0.5).all()
+
+
+def tellings(
+    vehicle: Vehicle, *, turns: float, pairs: float, aside: float, steered: float, slides: float = 0.0
+) -> Tellings:
+    """Of sensors at 20 m/s that lead to yaw rates (rad/s) of so much."""
+    channels = [f"wheel_speed_{w}" for w in WHEELS] + ["accel_x", "accel_y", "yaw_rate", "steer"]
+    redundancy = Redundancy(vehicle, [*channels, "gear_ratio"])
+    half = 0.5 * pairs * np.array([-1, 1, -1, 1]) * np.repeat(np.asarray(redundancy.track), 2)
+    demand = SPEED / (float(redundancy.wheelbase) + float(redundancy.understeer) * SPEED**2)
+    smooth = np.zeros(8)
+    smooth[SPIN] = (SPEED + half) / vehicle.wheels.radius
+    smooth[ACCEL_Y], smooth[YAW_RATE], smooth[STEER] = aside * SPEED, turns, steered / demand
+    zero = jnp.zeros(8)
+    now = jnp.asarray(smooth)
+    seen = Signals(
+        value=now, age=zero, is_fresh=jnp.ones(8, bool), smooth=now, rate=zero, lag=zero, noise=zero, now=now,
+        now_rate=zero, shaken=jnp.zeros(2), is_faulty=jnp.zeros(8, bool),
+    )  # fmt: skip
+    four, one = jnp.zeros(4), jnp.zeros(())
+    return redundancy.tell(
+        seen, ForceMeter(vehicle, channels).nothing(), Held.empty(), one, four, four, jnp.asarray(slides),
+        jnp.asarray(SPEED), jnp.asarray(0.01),
+    )  # fmt: skip
+
+
+def speaks(found: Tellings, name: str) -> bool:
+    return bool(np.isfinite(found.std[TELLINGS.index(name)]))
+
+
+def test_a_spin_silences_what_it_contradicts(vehicle: Vehicle) -> None:
+    found = tellings(vehicle, turns=0.45, pairs=0.43, aside=0.24, steered=-0.1)
+    assert float(found.slides) > 0
+    assert not any(speaks(found, name) for name in ("accel_y", "steer", "wheels_accel"))
+    assert all(speaks(found, name) for name in ("yaw_rate", "front_pair", "rear_pair"))
+    assert not bool(found.answers[TELLINGS.index("yaw_rate")])
+
+
+@pytest.mark.parametrize(
+    "lies", [{"turns": -0.4}, {"aside": -0.4}, {"steered": 0.0}, {"pairs": -0.4}], ids="-".join
+)
+def test_one_that_lies_is_no_spin(vehicle: Vehicle, lies: dict[str, float]) -> None:
+    found = tellings(vehicle, **{"turns": 0.4, "pairs": 0.4, "aside": 0.4, "steered": 0.4} | lies)
+    assert float(found.slides) == 0
+    assert all(speaks(found, name) for name in ("yaw_rate", "accel_y", "steer"))
+
+
+def test_a_spin_is_over_after_a_while(vehicle: Vehicle) -> None:
+    usual = {"turns": 0.1, "pairs": 0.1, "aside": 0.1, "steered": 0.1}
+    left = float(tellings(vehicle, **usual, slides=1.0).slides)
+    assert left == pytest.approx(0.99)
+    assert not speaks(tellings(vehicle, **usual, slides=1.0), "steer")
+    assert speaks(tellings(vehicle, **usual, slides=0.005), "steer")
