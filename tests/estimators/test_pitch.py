@@ -17,6 +17,7 @@ from roadstate.vehicles import Vehicle, load_vehicle
 NAN, DT = np.nan, 0.01
 SPEEDS = jnp.asarray([0.0, NAN]), jnp.asarray([0.04, 0.04])
 SPEED = jnp.asarray(15.0)
+STRAIGHT = jnp.asarray(0.0)
 IN_TIME, LATE = jnp.asarray(False), jnp.asarray(True)  # the accelerometer
 
 
@@ -80,12 +81,14 @@ def test_one_that_contradicts_the_slope_is_not_believed_for_a_while(vehicle: Veh
     gap, sure = jnp.asarray(0.03), jnp.asarray(0.0082)
     for i in range(100):
         state, _, _ = read(meter, state, 0.013 + 1e-6 * i)
-        state = meter.judge(state, gap, sure, jnp.asarray(0.0081), SPEEDS, SPEED, IN_TIME, jnp.asarray(DT))
+        state = meter.judge(
+            state, gap, sure, jnp.asarray(0.0081), SPEEDS, SPEED, STRAIGHT, IN_TIME, jnp.asarray(DT)
+        )
     state, _, intensity = read(meter, state, 0.014)
     assert intensity > 20 * usual
     for i in range(2020):
         state = meter.judge(
-            state, jnp.zeros(()), sure, jnp.asarray(0.0081), SPEEDS, SPEED, IN_TIME, jnp.asarray(DT)
+            state, jnp.zeros(()), sure, jnp.asarray(0.0081), SPEEDS, SPEED, STRAIGHT, IN_TIME, jnp.asarray(DT)
         )
         state, _, intensity = read(meter, state, 0.014 + 1e-6 * i)
     assert intensity == pytest.approx(usual)
@@ -103,7 +106,15 @@ def test_where_a_car_crawls_its_body_leans_for_long_on_unevenness(
     for i in range(400):
         state, _, _ = read(meter, state, 0.013 + 1e-6 * i)
         state = meter.judge(
-            state, jnp.asarray(gap), sure, part, SPEEDS, jnp.asarray(speed), IN_TIME, jnp.asarray(DT)
+            state,
+            jnp.asarray(gap),
+            sure,
+            part,
+            SPEEDS,
+            jnp.asarray(speed),
+            STRAIGHT,
+            IN_TIME,
+            jnp.asarray(DT),
         )
     assert bool(meter.is_faulty(state)) is fails
 
@@ -114,18 +125,37 @@ def test_what_the_filter_has_yet_to_find_after_a_gap_is_no_contradiction(vehicle
     gap, sure, part = jnp.asarray(0.03), jnp.asarray(0.0082), jnp.asarray(0.0081)
     for i in range(100):
         state, _, usual = read(meter, state, 0.013 + 1e-6 * i)
-        state = meter.judge(state, jnp.zeros(()), sure, part, SPEEDS, SPEED, IN_TIME, jnp.asarray(DT))
+        state = meter.judge(
+            state, jnp.zeros(()), sure, part, SPEEDS, SPEED, STRAIGHT, IN_TIME, jnp.asarray(DT)
+        )
     sample = {"pitch_rate": jnp.asarray(0.014)}
     zero = jnp.zeros(())
     state, told = meter.read(state, sample, zero, zero, jnp.zeros(2), jnp.asarray(5.0))
     assert float(told.rate) == 0
     assert float(told.intensity) > 20 * usual
-    state = meter.judge(state, gap, sure, part, SPEEDS, SPEED, IN_TIME, jnp.asarray(5.0))
+    state = meter.judge(state, gap, sure, part, SPEEDS, SPEED, STRAIGHT, IN_TIME, jnp.asarray(5.0))
     for i in range(20):
         state, _, intensity = read(meter, state, 0.013 + 1e-6 * i)
-        state = meter.judge(state, gap, sure, part, SPEEDS, SPEED, IN_TIME, jnp.asarray(DT))
+        state = meter.judge(state, gap, sure, part, SPEEDS, SPEED, STRAIGHT, IN_TIME, jnp.asarray(DT))
         assert not bool(meter.is_faulty(state))
         assert intensity == pytest.approx(usual)
+
+
+@pytest.mark.parametrize(("across", "fails"), [(0.0, True), (2.5, True), (-7.0, False), (7.0, False)])
+def test_wheels_that_slip_in_a_sharp_bend_are_not_held_against_it(
+    across: float, fails: bool, vehicle: Vehicle
+) -> None:
+    """Two wheels that read .1 m/s too little for a second."""
+    meter = PitchMeter(vehicle)
+    state, sure, part = meter.init(), jnp.asarray(0.0082), jnp.asarray(0.0081)
+    slip = jnp.asarray([-0.1, -0.1, 0.0, 0.0]), jnp.full(4, 0.04)
+    for i in range(200):
+        state, _, _ = read(meter, state, 0.013 + 1e-6 * i)
+        pulled = slip if i > 100 else (jnp.zeros(4), slip[1])
+        state = meter.judge(
+            state, jnp.zeros(()), sure, part, pulled, SPEED, jnp.asarray(across), IN_TIME, jnp.asarray(DT)
+        )
+    assert bool(meter.is_faulty(state)) is fails
 
 
 def test_samples_that_no_body_makes_are_never_believed(vehicle: Vehicle) -> None:
@@ -141,7 +171,9 @@ def test_an_accelerometer_that_lags_is_not_held_against_the_gyroscope(vehicle: V
     state, _, usual = read(meter, meter.init(), 0.013)
     for i in range(100):
         gap, part = jnp.asarray(0.03), jnp.asarray(0.0081)
-        state = meter.judge(state, gap, jnp.asarray(0.0082), part, SPEEDS, SPEED, LATE, jnp.asarray(DT))
+        state = meter.judge(
+            state, gap, jnp.asarray(0.0082), part, SPEEDS, SPEED, STRAIGHT, LATE, jnp.asarray(DT)
+        )
         state, _, intensity = read(meter, state, 0.013 + 1e-6 * i)
     assert intensity == pytest.approx(usual)
 

@@ -171,7 +171,7 @@ class AlongIntake(eqx.Module):
         accel = jnp.where(felt, raw, jnp.where(by_torque, forces.explained, x[SLOPE] + x[BIAS]))
         intensity = jnp.where(felt, self.accel_noise, jnp.where(by_torque, forces.intensity, _UNSEEN))
         between = jnp.clip(_BETWEEN[0] * (dt - STALE), 0.0, _BETWEEN[1]) * root(dt)
-        turning = jnp.where(seen.age[YAW_RATE] < STALE, seen.smooth[YAW_RATE], 0.0)
+        turning = seen.smooth[YAW_RATE]  # or what others make of it
         u = AlongInput(
             accel=accel + velocity_y * turning,
             by_torque=by_torque,

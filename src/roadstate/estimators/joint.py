@@ -30,6 +30,7 @@ from roadstate.estimators.intake import (
     REPEATS,
     ROWS,
     SPIN,
+    STALE,
     WHEEL_SPEEDS,
     YAW_RATE,
     Intake,
@@ -63,6 +64,7 @@ _LEAST_STEP = 1e-3  # s
 _AFRESH = 0.4  # s until what is slowed has forgotten a sensor that lied
 _LATE_TIME = 0.5  # s: how long an error of a late signal lasts
 _LAGS = 0.1  # s by which the accelerometer may be late when the gyroscope is no longer judged by it
+_TURNS_HARD = 2.0  # m/s² across at which v_y r, without a yaw rate, may be a slope's part
 _PATIENCE = 300  # samples for which a spinning or locked wheel may be refused
 _CONFIRMED = 3.0  # samples of a speed signal, in a row, that wheels confirm and the filter contradicts
 _ROLLED = 0.2  # s for which wheels that roll freely contradict it, which count as much as one of these
@@ -269,8 +271,10 @@ class Joint(Estimator[JointState]):
             seems = info.innovation[row], root(info.S[row, row]), u.sensor_std[row]
             speeds = jnp.asarray(np.flatnonzero(tells))
             pull = info.innovation[speeds], root(jnp.diagonal(info.S)[speeds])
-            is_late = self.watch.lateness(watch, ("accel_x",))[0] > _LAGS
-            pitch = self.pitch.judge(pitch, *seems, pull, along.gaussian.mean[SPEED], is_late, dt)
+            late = self.watch.lateness(watch, ("accel_x",))[0] > _LAGS
+            unknown = (seen.age[YAW_RATE] >= STALE) & (jnp.abs(u.smooth_across) > _TURNS_HARD)
+            moves = along.gaussian.mean[SPEED], u.smooth_across, late | unknown
+            pitch = self.pitch.judge(pitch, *seems, pull, *moves, dt)
         unrest = self.inputs.learn(state, info, u, forces, dt)
         shortfall = self.inputs.falls_short(state.shortfall, info, u, forces, dt)
         speed = along.gaussian.mean[SPEED]

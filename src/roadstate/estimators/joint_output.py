@@ -95,7 +95,10 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
     grade = jnp.arcsin(sine)
     side, side_std = joint.bank.merged(state.bank)
     # in a long bend v_y r looks like a slope, and the lateral forces say how sharp the bend is
-    sharp = joint.bank.cornering(state.bank) / jnp.maximum(jnp.abs(mean[SPEED]), SLOWEST)
+    sharp = joint.bank.cornering(state.bank)
+    if joint.signals.has[ACCEL_Y] and not joint.knows_sides:
+        sharp = jnp.abs(forces.accel[1]) / GRAVITY
+    sharp = sharp / jnp.maximum(jnp.abs(mean[SPEED]), SLOWEST)
     sway = sharp * side_std[V_Y]
     uneven = _UNEVEN * jnp.min(forces.shaken) / root(jnp.maximum(jnp.abs(mean[SPEED]), 1.0))
     unsure = rss(std[SLOPE] / GRAVITY, sway, uneven)

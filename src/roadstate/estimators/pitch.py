@@ -26,6 +26,7 @@ _SURE = 4.0  # 1σ of what is expected to part them, that many times
 # and over what the low pass leaves of a noise that all speeds have in common
 _PULL = (0.4, 4.0)
 _MOST = (0.1, 3.0)  # rad, and 1σ of speeds, that one sample may count for
+_ASIDE = 3.0  # m/s² of lateral acceleration beyond which wheels slip for reasons of their own
 _DISTRUST = 20.0  # s for which a gyroscope that failed is not believed
 _LEAN_ERROR = 0.0015  # rad: 1σ of the body's pitch against slope and force: it swings, and roads are uneven
 _LEAN_TIME = 0.15  # s: how long that lasts
@@ -144,7 +145,8 @@ class PitchMeter(eqx.Module):
         sensor_std: Float[Array, ""],
         speeds: tuple[Float[Array, " k"], Float[Array, " k"]],
         speed: Float[Array, ""],
-        is_late: Bool[Array, ""],
+        across: Float[Array, ""],
+        is_excused: Bool[Array, ""],
         dt: Float[Array, ""],
     ) -> PitchState:
         """See whether the attitude that the gyroscope tells still goes with slope and speeds.
@@ -159,7 +161,8 @@ class PitchMeter(eqx.Module):
             sensor_std: the sample's part of it.
             speeds: (k,) innovations of whatever tells the speed, NaN where missing, and their 1σ, m/s.
             speed: m/s.
-            is_late: whether the accelerometer may lag.
+            across: lateral specific force, m/s².
+            is_excused: whether the accelerometer may lag, or v_y r, which nobody knows, pass for a slope.
             dt: s.
         """
         # one sample alone, of whatever size, is no contradiction that lasts
@@ -172,13 +175,14 @@ class PitchMeter(eqx.Module):
         mean = jnp.clip(mean, -_MOST[1], _MOST[1])
         share = -jnp.expm1(-dt / _ODD_TIME)
         told = state.pull + jnp.where(count > 0, share, 0.0) * (mean - state.pull)
-        pulls = jnp.abs(told) > jnp.maximum(_PULL[0], _PULL[1] * root(share / (2 - share)))
+        least = _PULL[0] * jnp.maximum(jnp.abs(across) / _ASIDE, 1.0) ** 2
+        pulls = jnp.abs(told) > jnp.maximum(least, _PULL[1] * root(share / (2 - share)))
         uneven = _UNEVEN[0] / jnp.sqrt(jnp.maximum(jnp.abs(speed) / _UNEVEN[1], 1.0))
         most = jnp.maximum(jnp.maximum(_ODD, uneven), _SURE * expected)
         odd = (jnp.abs(apart) > most) | pulls
         # the filter first finds the attitude
         begins = state.heard < _ODD_TIME
-        odd = odd & ~is_late & ~begins
+        odd = odd & ~is_excused & ~begins
         distrust = jnp.where(odd, _DISTRUST, jnp.maximum(state.distrust - dt, 0.0))
         begin = jnp.where(odd | begins, 0.0, 1.0)
         return state._replace(apart=begin * apart, pull=begin * told, distrust=distrust)
