@@ -291,6 +291,46 @@ def test_every_channel_but_the_brake_has_a_limit() -> None:
     assert {n for n in CHANNELS if limit_of(n) is None} == {"time", "brake"}
 
 
+def upright(z: float, count: int = 200) -> dict[str, Any]:
+    """What an accelerometer reads on a rough, slightly hilly road, if gravity reads ``z``."""
+    random = np.random.default_rng(0)
+    spread = random.normal(size=(3, count)) * abs(z) / 9.81
+    return {"accel_x": 0.3 * spread[0], "accel_y": 0.5 * spread[1], "accel_z": z + 2.0 * spread[2]}
+
+
+@pytest.mark.parametrize("z", [0.97, -1.02])
+def test_accelerations_in_g_without_a_unit_are_told_by_gravity(z: float) -> None:
+    raw = recording(**upright(z))
+    text = refusal({}, raw)
+    assert text.startswith("drive.csv:accel_z as accel_z: the median is ")
+    assert text.endswith(
+        "m/s^2, where gravity alone makes 9.81; is the unit g? Set 'unit: g' in the mapping, or write "
+        "'accel_z [g]' in the table's header; look at accel_x and accel_y, too"
+    )
+    mended = apply({"channels": {f"accel_{a}": {"unit": "g"} for a in "xyz"}}, raw)
+    assert abs(np.median(mended["accel_z"].values)) == pytest.approx(9.81, rel=0.1)
+    axes = {"imu": {"accel": {a: f"accel_{a}" for a in "xyz"}}}
+    assert "is the unit g?" in refusal(axes, raw)
+    axes["imu"]["accel"]["unit"] = "g"
+    assert set(apply(axes, raw).signals) == {"accel_x", "accel_y", "accel_z"}
+
+
+def test_accelerations_in_si_called_g_are_told_by_gravity() -> None:
+    raw = recording(**{name: (values, "g") for name, values in upright(9.81).items()})
+    assert "is the unit m/s^2? Set 'unit: m/s^2' in the mapping" in refusal({}, raw)
+
+
+@pytest.mark.parametrize("z", [9.81, -9.6, 11.0, 3.0, np.nan])
+def test_what_gravity_does_not_disprove_stays(z: float) -> None:
+    assert "accel_z" in apply({}, recording(**upright(z))).signals
+
+
+def test_vertical_accelerations_without_gravity_are_not_taken_for_g() -> None:
+    shaken = 1.5 * np.random.default_rng(1).normal(size=500)
+    assert 0.8 < np.median(np.abs(shaken)) < 1.2
+    assert "accel_z" in DEFAULT_MAPPING.apply(recording(accel_z=shaken)).signals
+
+
 # --- references ------------------------------------------------------------------------------------------
 
 

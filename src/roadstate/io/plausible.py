@@ -7,10 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from roadstate.core import CHANNELS, InputError, Signal
+from roadstate.core.constants import GRAVITY
 from roadstate.core.units import convert, is_same_dimension
 
 _MAX_SHARE = 0.01  # of the samples; fewer are spikes, which estimators take for missing
 _TYPICAL_RADIUS = 0.3  # m; good enough to tell km/h from rad/s
+_NEAR_GRAVITY = 0.2  # relative; slopes, bias and mounting take less from the vertical accelerometer's median
+_FEWEST = 10  # samples of it that say so
 
 
 @dataclass(frozen=True)
@@ -71,6 +74,8 @@ def limit_of(name: str) -> Limit | None:
 def check_plausible(name: str, signal: Signal, unit: str) -> None:
     """Refuse a channel of which more than 1 % of the samples are beyond its limit; a reference's, any.
 
+    ``accel_z`` is refused, too, where its median would be gravity in another unit.
+
     Args:
         name: canonical channel.
         signal: in the channel's SI unit.
@@ -79,6 +84,8 @@ def check_plausible(name: str, signal: Signal, unit: str) -> None:
     Raises:
         InputError: says how many, where the first is, and which unit would explain it.
     """
+    if name == "accel_z":
+        _check_gravity(signal, unit)
     limit = limit_of(name)
     if limit is None:
         return
@@ -99,6 +106,27 @@ def check_plausible(name: str, signal: Signal, unit: str) -> None:
         where=f"{signal.source} as {name}" if signal.source else name,
         mend=mend,
     )
+
+
+def _check_gravity(signal: Signal, unit: str) -> None:
+    good = signal.values[np.isfinite(signal.values)]
+    if len(good) < _FEWEST:
+        return
+    middle = abs(float(np.median(good)))  # not of magnitudes: shaking alone, gravity removed, has none
+    raw = middle / _in_si("accel_z", unit)
+    likely = next((u for u in ("g", "m/s^2") if _is_gravity(raw * _in_si("accel_z", u))), None)
+    if likely is None or _is_gravity(middle):
+        return
+    raise InputError(
+        f"the median is {middle:.3g} m/s^2, where gravity alone makes {GRAVITY:.2f}",
+        where=f"{signal.source} as accel_z" if signal.source else "accel_z",
+        mend=f"is the unit {likely}? Set 'unit: {likely}' in the mapping, or write 'accel_z [{likely}]' in "
+        "the table's header; look at accel_x and accel_y, too",
+    )
+
+
+def _is_gravity(magnitude: float) -> bool:
+    return abs(magnitude / GRAVITY - 1.0) <= _NEAR_GRAVITY
 
 
 def _likely_unit(name: str, signal: Signal, unit: str, limit: Limit) -> str | None:
