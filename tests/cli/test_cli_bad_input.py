@@ -98,6 +98,19 @@ def test_unit_of_something_else(refused: Refused, tmp_path: Path) -> None:
     )
 
 
+def test_units_that_gravity_and_the_wheels_disprove(run: Run, refused: Refused, tmp_path: Path) -> None:
+    rows = [(0.01 * i, 36.0, 32.0, 1.0) for i in range(100)]
+    file = csv(tmp_path / "log.csv", "time [s],speed,wheel_speed_fl [rad/s],accel_z", rows)
+    assert refused(file).startswith("log.csv:accel_z as accel_z: the median is 1 m/s^2, where gravity alone")
+    file = csv(tmp_path / "log.csv", "time [s],speed,wheel_speed_fl [rad/s],accel_z [g]", rows)
+    assert refused(file).startswith("log.csv:speed as speed: is 3.6")
+    # where no vehicle is known, its wheels are neither small nor large
+    for radius in (0.25, 0.6):
+        turned = [(t, 10.0, 10.0 / radius, z) for t, _, _, z in rows]
+        file = csv(tmp_path / "log.csv", "time [s],speed,wheel_speed_fl [rad/s],accel_z [g]", turned)
+        assert run("channels", file, "--json").json["problem"] is None
+
+
 def test_two_columns_of_one_name(refused: Refused, tmp_path: Path) -> None:
     file = csv(tmp_path / "log.csv", "time [s],speed [m/s],speed [km/h]", [(0, 1, 2), (1, 3, 4)])
     assert refused(file) == "log.csv: two columns are named 'speed'; rename one of them"

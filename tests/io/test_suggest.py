@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from recordings import can, mapping_of, recording
 
-from roadstate.core import WHEELS, Recording, Signal
+from roadstate.core import WHEELS, Recording
 from roadstate.core.yaml_text import read_yaml
 from roadstate.io.files import read, read_all
 from roadstate.io.mapping import DEFAULT_MAPPING, Mapping
@@ -215,11 +215,9 @@ def test_truth_is_named_but_never_an_input() -> None:
 
 
 def test_a_log_of_canonical_names_maps_to_itself() -> None:
-    names = ["speed", "accel_x", "accel_z", *(f"wheel_speed_{w}" for w in WHEELS)]
-    raw = recording(
-        time=TIME, **{n: (9.81 + WAVE, "rad/s" if "wheel" in n else None) for n in names if n != "accel_x"}
-    )
-    raw = Recording({**raw.signals, "accel_x": Signal(TIME, WAVE, "m/s^2")}, raw.metadata)
+    wheels = {f"wheel_speed_{w}": ((9.81 + WAVE) / 0.3, "rad/s") for w in WHEELS}
+    names = ["speed", "accel_x", "accel_z", *wheels]
+    raw = recording(time=TIME, speed=9.81 + WAVE, accel_x=(WAVE, "m/s^2"), accel_z=9.81 + WAVE, **wheels)
     _, out, _ = drafted(raw)
     assert set(out.signals) == set(names) == set(DEFAULT_MAPPING.apply(raw).signals)
 

@@ -14,7 +14,8 @@ from roadstate.core import CHANNELS, InputError
 if TYPE_CHECKING:
     from roadstate.core import Recording, Signal
 
-_NOMINAL_RADIUS = 0.3  # m; nothing converted by it is shown
+# m; nothing converted by it is shown, and it is near enough to 0.25 m and to 0.6 m to look like no wrong unit
+_NOMINAL_RADIUS = 0.35
 
 
 def channels(

@@ -19,6 +19,7 @@ from roadstate.io.mapping_yaml import in_one_line, read_mapping_file
 from roadstate.io.matching import Candidate, find, not_found
 from roadstate.io.plausible import check_plausible
 from roadstate.io.reference import slope_reference
+from roadstate.io.speed_unit import check_speed_unit
 
 Array = NDArray[np.float64]
 
@@ -48,18 +49,20 @@ class Mapping(Sections):
 
         Args:
             recording: as read.
-            wheel_radius: effective rolling radius in m, for wheel speeds given along the road.
+            wheel_radius: effective rolling radius in m, for wheel speeds given along the road, and to hold
+                the speed's unit against the wheels'.
 
         Returns:
             Canonical signals. The metadata are kept, with ``mapped`` (canonical → what it was made of, in
-            words), ``sources`` (canonical → raw names), ``dropped`` (raw name → samples left out for their
-            time, where there are any) and, for derived references, ``reference_std`` (their standard error,
-            the median over the log, in SI; that of a reference taken as it is stays).
+            words), ``sources`` (canonical → raw names) and, where there are any, ``dropped`` (raw name →
+            samples left out for their time) and ``reference_std`` (of
+            derived references: their standard error, the median over the log, in SI; that of a reference
+            taken as it is stays).
 
         Raises:
             InputError: a channel's signal is not there or there twice, a unit does not fit, a time base does
-                not increase or could be repaired only by leaving out over 5 % of it, or the values are
-                implausible for more than 1 % of the samples.
+                not increase or could be repaired only by leaving out over 5 % of it, the values are
+                implausible for more than 1 % of the samples, or the speed is the wheels' in another unit.
         """
         return _Application(self, recording, wheel_radius).run()
 
@@ -99,6 +102,7 @@ class _Application:
         self.sources: dict[str, list[str]] = {}
         self.reference_std: dict[str, float] = {}
         self.dropped: dict[str, int] = {}
+        self.units: dict[str, str] = {}
 
     def run(self) -> Recording:
         mapping = self.mapping
@@ -117,6 +121,8 @@ class _Application:
             for name in self.recording:
                 if name in CHANNELS and name not in given:
                     self.take(name, ChannelMap.model_validate(name))
+        if self.wheel_radius is not None:
+            check_speed_unit(self.out, self.units, self.wheel_radius)
         metadata = {k: v for k, v in self.recording.metadata.items() if k not in _OF_A_MAPPING}
         metadata |= {"mapped": self.mapped, "sources": self.sources}
         metadata |= {"reference_std": self.reference_std} if self.reference_std else {}
@@ -130,6 +136,7 @@ class _Application:
         signal = self.convert(name, key, spec)
         unit = CHANNELS[name].unit if spec.scale.unit else self.unit_of(name, key, spec)
         check_plausible(name, signal, unit)
+        self.units[name] = unit
         self.put(name, signal, key, [key])
         told = self.recording.metadata.get("reference_std")
         is_as_read = key == name and spec.unit is None and spec.scale == Gain()
