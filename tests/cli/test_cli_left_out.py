@@ -51,6 +51,34 @@ def test_a_canonical_channel_that_was_left_out_is_named(run: Run, tmp_path: Path
     assert run("compare", *words, "-m", mapping).err == ""
 
 
+def test_empty_and_misspelt_channels_are_named(run: Run, tmp_path: Path) -> None:
+    rows = [(0.01 * i, 10.0, 0.0, "", 0.1, 1.0) for i in range(50)]
+    header = "time [s],speed,accel_x,yaw_rate,Wheel Speed-FL [rad/s],Speed"
+    file = csv(tmp_path / "log.csv", header, rows)
+    words = (file, "-v", "family-car", "-e", "kmbe", "-o", tmp_path / "o")
+    end = run("estimate", *words)
+    misspelt = f"{file}: column 'Wheel Speed-FL' is not used; "
+    misspelt += "did you mean 'wheel_speed_fl'? Rename it, or map it"
+    empty = (
+        f"{file}: yaw_rate has no sample that is a number; look at its column, and at 'range' and 'valid' in "
+        "the mapping"
+    )
+    assert (end.status, end.err) == (0, f"{misspelt}\n{empty}\n")
+    mapping = tmp_path / "m.yaml"
+    mapping.write_text("channels:\n  wheel_speed_fl: {from: Wheel Speed-FL}\n")
+    assert run("estimate", *words, "-m", mapping).err == f"{empty}\n"
+    mapping.write_text("channels: {speed: speed, accel_x: accel_x}\nonly_listed: true\n")
+    assert run("estimate", *words, "-m", mapping).err == ""
+
+
+def test_a_refusal_tells_of_a_misspelt_channel(run: Run, tmp_path: Path) -> None:
+    file = csv(tmp_path / "log.csv", "time [s],Speed,accel_x", [(0, 1, 0), (1, 1, 0)])
+    end = run("estimate", file, "-v", "suv", "-e", "kmbe", "-o", tmp_path / "o")
+    assert_refusal(end)
+    assert "needs a speed" in end.err
+    assert "; column 'Speed' is not used; map the channel" in end.err
+
+
 def test_a_refusal_tells_of_what_was_left_out_in_its_one_line(run: Run, tmp_path: Path) -> None:
     file = csv(tmp_path / "log.csv", "time [s],speed,accel_x [m/s^2]", [(0, "fast", 0), (1, "slow", 0)])
     words = ("estimate", file, "-v", "suv", "-o", tmp_path / "o")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +10,10 @@ from roadstate.core import CHANNELS, InputError
 
 if TYPE_CHECKING:
     from roadstate import io
+    from roadstate.core import Log
 
+LOOK_AT_IT = "look at its column, and at 'range' and 'valid' in the mapping"
+"""How to mend a channel that is there but empty."""
 _SHOWN = 6  # names of each kind
 _NO_NUMBERS = "no plain numbers"
 
@@ -31,32 +34,43 @@ def left_out(metadata: Mapping[str, Any]) -> str | None:
     return f"left out: {_some(parts, ';')}" if parts else None
 
 
-def missed_channels(metadata: Mapping[str, Any], mapping: io.Mapping) -> list[str]:
-    """Canonical channels that a log would have but for what could not be read, in words.
+def missed_channels(metadata: Mapping[str, Any], mapping: io.Mapping) -> dict[str, str]:
+    """Canonical channels that a log would have but for what could not be read, or for how they are spelt.
 
     Args:
         metadata: of what the mapping has made.
         mapping: names that it takes from elsewhere, or ignores, are not missed.
+
+    Returns:
+        What is missed, in words → how to mend it.
     """
     listed = {*mapping.channels, *mapping.reference}
-    missed = []
+    missed = {}
     for name, reason in map(_split, metadata.get("skipped", ())):
         is_wanted = name in listed or not mapping.only_listed
         is_taken = metadata["sources"].get(name, [name]) != [name]
         if name in CHANNELS and name != "time" and is_wanted and not is_taken:
-            missed.append(f"{name} was left out ({reason})")
+            missed[f"{name} was left out ({reason})"] = "correct it, or map another signal"
+    for name, meant in metadata.get("misspelt", {}).items():
+        missed[f"column '{name}' is not used"] = f"did you mean '{meant}'? Rename it, or map it"
     return missed
 
 
+def empty_channels(log: Log) -> dict[str, str]:
+    """Channels of a log that hold no number: what to say of each → how to mend it."""
+    silent = [name for name in log.channels if name not in log.available]
+    return {f"{name} has no sample that is a number": LOOK_AT_IT for name in silent}
+
+
 @contextmanager
-def blaming(missed: Sequence[str]) -> Iterator[None]:
+def blaming(missed: Iterable[str]) -> Iterator[None]:
     """Let a refusal tell of the channels that were left out, which may well be why."""
     try:
         yield
     except InputError as error:
-        if not missed:
+        if not (said := ", ".join(missed)):
             raise
-        raise InputError(f"{error.what}; {', '.join(missed)}", where=error.where, mend=error.mend) from error
+        raise InputError(f"{error.what}; {said}", where=error.where, mend=error.mend) from error
 
 
 def _split(entry: str) -> tuple[str, str]:

@@ -80,7 +80,7 @@ def run_log(
 
 def _built(name: str, vehicle: Vehicle, log: Log) -> Estimator[Any]:
     """An estimator for the channels there; a refusal names a channel that is there but empty."""
-    from roadstate.core import InputError
+    from roadstate.cli.left_out import LOOK_AT_IT
     from roadstate.estimators import build
 
     try:
@@ -90,8 +90,7 @@ def _built(name: str, vehicle: Vehicle, log: Log) -> Estimator[Any]:
         if not empty:
             raise
         what = f"{refusal.what}, and {' and '.join(empty)} has no sample that is a number"
-        mend = "look at its column, and at 'range' and 'valid' in the mapping"
-        raise InputError(what, where=refusal.where, mend=mend) from refusal
+        raise InputError(what, where=refusal.where, mend=LOOK_AT_IT) from refusal
 
 
 def _run_together(built: Sequence[Estimator[Any]], log: Log, work: Work, smooth: bool) -> list[Estimates]:
@@ -141,12 +140,13 @@ def run_all(
         smooth: let each sample know of those after it, too.
         needs_reference: refuse a log without one.
 
-    At its end the canonical channels that are in the files but could not be read are named on standard error.
+    At its end the canonical channels that are in the files but could not be read, are empty or are spelt
+    otherwise are named on standard error.
 
     Raises:
         InputError: names the file at fault.
     """
-    from roadstate.cli.left_out import blaming, missed_channels
+    from roadstate.cli.left_out import blaming, empty_channels, missed_channels
     from roadstate.cli.logs import naming
 
     groups, mapping = source.groups(), source.load_mapping()
@@ -160,7 +160,8 @@ def run_all(
                 _check_reference(log, settle)
             run = run_log(name, log, vehicle, estimators, work, settle=settle, smooth=smooth)
         yield run
-        notes += [InputError(m, where=str(file), mend="correct it, or map another signal") for m in missed]
+        noted = missed | empty_channels(log)
+        notes += [InputError(what, where=str(file), mend=mend) for what, mend in noted.items()]
         work.begin("reading")
     for note in notes:  # not before the last log is done, since a refusal is to be the only line
         print(note, file=sys.stderr)

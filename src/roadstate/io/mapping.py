@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 _TOLERANCE = 1e-6  # relative, when raw values are compared with those that mean invalid
 _MOST_OUT_OF_ORDER = 0.05  # of a signal's samples, that may be left out
 _FEW = 10  # that may in any case
-_OF_A_MAPPING = ("mapped", "sources", "reference_std", "dropped")
+_OF_A_MAPPING = ("mapped", "sources", "reference_std", "dropped", "misspelt")
 
 
 class Mapping(Sections):
@@ -55,7 +55,8 @@ class Mapping(Sections):
         Returns:
             Canonical signals. The metadata are kept, with ``mapped`` (canonical → what it was made of, in
             words), ``sources`` (canonical → raw names) and, where there are any, ``dropped`` (raw name →
-            samples left out for their time) and ``reference_std`` (of
+            samples left out for their time), ``misspelt`` (raw name → the canonical one that it is but for
+            case, blanks and hyphens, where nothing else became that channel) and ``reference_std`` (of
             derived references: their standard error, the median over the log, in SI; that of a reference
             taken as it is stays).
 
@@ -127,7 +128,19 @@ class _Application:
         metadata |= {"mapped": self.mapped, "sources": self.sources}
         metadata |= {"reference_std": self.reference_std} if self.reference_std else {}
         metadata |= {"dropped": self.dropped} if self.dropped else {}
+        misspelt = {} if mapping.only_listed else self.misspelt()
+        metadata |= {"misspelt": misspelt} if misspelt else {}
         return Recording(self.out, metadata)
+
+    def misspelt(self) -> dict[str, str]:
+        """Raw names that are those of channels not there, but for their spelling."""
+        used = {key for keys in self.sources.values() for key in keys}
+        plain = {key: "_".join(key.lower().replace("-", " ").split()) for key in self.recording}
+        return {
+            key: name
+            for key, name in plain.items()
+            if name in CHANNELS and name != "time" and name not in self.out and key not in used
+        }
 
     def take(self, name: str, spec: ChannelMap) -> None:
         key = self.find(name, spec)
