@@ -113,6 +113,17 @@ class TestStream:
             estimate = stream.push(float(time), sample)
         assert float(estimate.values["altitude"]) == 3.0
 
+    def test_a_name_that_is_no_channel_is_refused_and_changes_nothing(self) -> None:
+        stream = Stream(Odometer())
+        for time in (1.0, 2.0):  # no longer silent the second time
+            with pytest.raises(InputError, match=r"'sped' is not a canonical channel; did you mean 'speed'"):
+                stream.push(time, {"speed": 1.0, "sped": 13.9})
+        with pytest.raises(InputError, match="'5' is not a canonical channel"):
+            stream.push(1.0, {5: 1.0})  # type: ignore[dict-item]
+        assert stream.time is None
+        assert stream.counts.total() == 0
+        stream.push(1.0, {"speed": 1.0, "altitude": 3.0, "ref_grade": 0.1})  # which it does not use
+
     @pytest.mark.parametrize("time", [5.0, 4.999, -1.0, NAN, np.inf])
     def test_time_must_go_on(self, time: float) -> None:
         stream = Stream(Odometer())

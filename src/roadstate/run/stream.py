@@ -16,7 +16,7 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from roadstate.core import InputError
+from roadstate.core import InputError, channel
 from roadstate.core.kernel import one_kernel
 from roadstate.core.numerics import loop_options
 from roadstate.core.packing import Layout
@@ -109,6 +109,7 @@ class Stream:
         self._leaves, structure = jax.tree.flatten(params)
         packed, self._layout = start(estimator)
         self._step = _program(static, self._layout, structure)
+        self._known = set(estimator.channels)  # names that have been looked up, since that takes longer
         self._base = Step(nan, [], packed)
         self._steps: deque[Step] = deque()
         self._estimate: Estimate | None = None
@@ -152,14 +153,15 @@ class Stream:
 
         Args:
             time: in s.
-            sample: canonical channel → value in SI; what is absent or NaN is missing.
+            sample: canonical channel → value in SI; what is absent or NaN is missing, and channels that the
+                estimator does not use are passed over.
 
         Returns:
             The estimate at the newest time, this sample included unless it was dropped (see ``arrival``).
 
         Raises:
-            InputError: time is not finite, or without a window does not increase; a value is no number. The
-                stream is then as it was.
+            InputError: time is not finite, or without a window does not increase; a name is no canonical
+                channel, or a value no number. The stream is then as it was.
         """
         newest, values = self.time, self._values(sample)
         try:
@@ -241,6 +243,8 @@ class Stream:
         channels = self._estimator.channels
         if not isinstance(sample, Mapping):
             raise InputError(f"a sample that is {sample!r}", mend="give channels with their values")
+        if not sample.keys() <= self._known:
+            self._known.update(channel(str(name)).name for name in sample if name not in self._known)
         try:
             return [float(sample.get(c, nan)) for c in channels]
         except (TypeError, ValueError) as error:
