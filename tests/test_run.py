@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from roadstate.core import Estimates, InputError, Log
-from roadstate.run import CHUNK, Stream, scan
+from roadstate.run import CHUNK, Stream, batch, scan
 from run.odometer import Odometer
 
 NAN = np.nan
@@ -71,6 +72,12 @@ def test_parameters_are_the_estimators_own() -> None:
     log = make_log(50)
     double = scan(Odometer(gain=jnp.asarray(2.0)), log)
     np.testing.assert_allclose(double.values["altitude"], 2 * expected(log))
+
+
+@pytest.mark.parametrize("run_over", [scan, lambda e, log: batch(e, [log])])
+def test_what_is_no_log_is_refused(run_over: Any) -> None:
+    with pytest.raises(InputError, match=r"^a log that is a dict; give a Log\(time, \{channel: values\}\)$"):
+        run_over(Odometer(), {"time": [0.0, 1.0], "speed": [1.0, 2.0]})
 
 
 def test_results_survive_a_file(tmp_path: Path) -> None:

@@ -60,6 +60,33 @@ def test_what_is_no_log_is_refused(time: list[Any], channels: dict[str, np.ndarr
         Log(np.array(time, dtype=float), channels)
 
 
+def test_numbers_of_any_kind_become_float64_and_arrays_of_it_stay() -> None:
+    made = Log([0, 1, 2], {"speed": [1, 2, None], "brake": (True, False, True)})  # type: ignore[arg-type]
+    channels = {"speed": np.array([1, 2, NAN]), "brake": np.array([1.0, 0, 1])}
+    same(made, Log(np.array([0.0, 1.0, 2.0]), channels))
+    assert made.time.dtype == np.float64
+    speed = np.ones(4)
+    assert Log(TIME, {"speed": speed})["speed"] is speed
+
+
+@pytest.mark.parametrize(
+    ("time", "channels", "message"),
+    [
+        (["a", "b"], {}, "^time holds what is no number; give numbers, NaN where one is missing$"),
+        ([0, 1], {"speed": ["1", "2"]}, "^speed holds what is no number"),
+        ([0, 1], {"speed": [[1], [2, 3]]}, "^speed holds what is no number"),
+        ([0, 1], {"speed": [1, 10**400]}, "^speed holds what is no number"),
+        (np.array(["2020-01-01", "2020-01-02"], "datetime64[s]"), {}, "^time holds what is no number"),
+        ([0, 1], {"speed": 1.0}, r"^speed has shape \(\), time has \(2,\)"),
+        (1.0, {}, "at least one sample"),
+        ([0, 1], [1.0, 2.0], "^channels that are a list; give {name: values}$"),
+    ],
+)
+def test_what_holds_no_numbers_is_refused(time: Any, channels: Any, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        Log(time, channels)
+
+
 def test_access(log: Log) -> None:
     assert log["time"] is log.time
     assert "speed" in log

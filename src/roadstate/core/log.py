@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from roadstate.core import tabular
 from roadstate.core.channels import CHANNELS, channel
@@ -24,13 +24,16 @@ Array = NDArray[np.float64]
 class Log:
     """Canonical channels on one time base; NaN means missing.
 
+    Whatever numpy makes numbers of, lists too, becomes arrays of float64.
+
     Attributes:
         time: (T,) in s, strictly increasing; the step may vary.
         channels: name → (T,) values in the channel's SI unit.
         metadata: vehicle, source files, frame; must be JSON-able.
 
     Raises:
-        InputError: a name that is not canonical, a shape that differs, or time that does not increase.
+        InputError: a name that is not canonical, values that are no numbers, a shape that differs, or time
+            that does not increase.
     """
 
     time: Array
@@ -38,6 +41,11 @@ class Log:
     metadata: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        if not isinstance(self.channels, Mapping):
+            kind = type(self.channels).__name__
+            raise InputError(f"channels that are a {kind}", mend="give {name: values}")
+        object.__setattr__(self, "time", _numbers("time", self.time))
+        object.__setattr__(self, "channels", {n: _numbers(n, v) for n, v in self.channels.items()})
         if self.time.ndim != 1 or len(self.time) == 0:
             raise InputError("a log needs at least one sample")
         bad = ~np.isfinite(self.time)
@@ -143,3 +151,14 @@ class Log:
             if error.where:
                 raise
             raise InputError(error.what, where=where, mend=error.mend) from error
+
+
+def _numbers(name: str, values: ArrayLike) -> Array:
+    """The values as an array of float64; the same object where they are one."""
+    try:
+        found = np.asarray(values)
+        if found.dtype.kind in "biufO":
+            return found.astype(np.float64, copy=False)
+    except (TypeError, ValueError, OverflowError):
+        pass
+    raise InputError(f"{name} holds what is no number", mend="give numbers, NaN where one is missing")

@@ -13,7 +13,7 @@ from jaxtyping import Array, Float, Int
 from numpy.typing import NDArray
 
 from roadstate import __version__
-from roadstate.core import Estimates, Log
+from roadstate.core import Estimates, InputError, Log
 from roadstate.core.gaussian import Gate, Info, Reason
 from roadstate.core.packing import Layout
 from roadstate.estimators.base import Estimate, Estimator
@@ -103,7 +103,13 @@ def scan_steps(
 
 def inputs(estimator: Estimator[Any], log: Log) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(T, c) samples of the estimator's channels, NaN where the log has none, and (T,) steps in s, of which
-    none is longer than :data:`LONGEST_BREAK`."""
+    none is longer than :data:`LONGEST_BREAK`.
+
+    Raises:
+        InputError: what should be a log is none.
+    """
+    if not isinstance(log, Log):
+        raise InputError(f"a log that is a {type(log).__name__}", mend="give a Log(time, {channel: values})")
     missing = np.full(len(log), np.nan)
     samples = np.stack([log.channels.get(c, missing) for c in estimator.channels], axis=1)
     return samples, np.minimum(np.diff(log.time, prepend=log.time[0]), LONGEST_BREAK)

@@ -29,9 +29,12 @@ def scan(
 
     Returns:
         Estimates at each of the log's times.
+
+    Raises:
+        InputError: what should be a log is none.
     """
-    total = len(log)
     samples, dt = inputs(estimator, log)
+    total = len(log)
     state, layout = start(estimator)
     parts: list[Row] = []
     for begin in range(0, total, CHUNK):

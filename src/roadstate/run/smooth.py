@@ -86,11 +86,11 @@ def smooth(
         Estimates at each of the log's times.
 
     Raises:
-        InputError: an estimator that cannot be smoothed.
+        InputError: an estimator that cannot be smoothed, or what should be a log is none.
     """
     where = smoothable(estimator)
-    total = len(log)
     samples, dt = inputs(estimator, log)
+    total = len(log)
     state, layout = start(estimator)
     begins = range(0, total, _CHUNK)
 
