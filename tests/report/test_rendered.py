@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from roadstate.core import Estimates, Log
+from roadstate.metrics import Metrics
 from roadstate.report import static_figure, write_report
 
 _QUIET = (
@@ -67,6 +68,20 @@ def test_chromium_draws_every_figure_without_an_error(
     # ink in every band of the page: no figure is blank
     ink = (image < 0.9).any(axis=2).mean(axis=1)
     assert all(part.max() > 0.05 for part in np.array_split(ink, 10))
+
+
+def test_no_table_is_cut_off_at_1200_pixels(tmp_path: Path, log: Log, results: dict[str, Estimates]) -> None:
+    long = Metrics(
+        "m/s", *[-0.000549] * 5, correlation=-0.012, settle_s=120.5, nees=0.00598, coverage95=1.0, n=12345
+    )
+    metrics = {"friction-ukf": {"friction_peak_front": long}, "kmbe": {"speed": long}}
+    page = write_report(tmp_path / "report.html", log, results, metrics=metrics)
+    ask = "[...document.querySelectorAll('.wide')].map(e => e.scrollWidth - e.clientWidth)"
+    script = f"<script>addEventListener('load', () => console.log('beyond', '' + {ask}))</script></body>"
+    page.write_text(page.read_text("utf-8").replace("</body>", script), "utf-8")
+    console = console_of(find_browser(), page, tmp_path, "--window-size=1200,900", "--dump-dom")
+    told = next(line for line in console if "beyond" in line)
+    assert re.search(r"beyond (0,)+0\b", told), told
 
 
 def test_the_still_figure(tmp_path: Path, log: Log, results: dict[str, Estimates]) -> None:
