@@ -35,7 +35,8 @@ def compare(
 ) -> None:
     """Compare estimators with the reference channels of a log.
 
-    Needs a log with ref_grade or ref_velocity_x, measured or made by the mapping.
+    Needs a log with at least one reference (ref_grade, ref_bank, ref_velocity_x and _y, or ref_friction_* and
+    ref_force_* of wheels), measured or made by the mapping.
 
     \b
     Example:

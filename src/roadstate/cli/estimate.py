@@ -40,7 +40,11 @@ def estimate(
     separate: options.Separate = False,
     smooth: Annotated[
         bool,
-        typer.Option("--smooth", help="Let each sample know of those after it, too: for mapping the road."),
+        typer.Option(
+            "--smooth",
+            help="Let each sample know of those after it, too: for mapping the road. "
+            "Validity and friction stay as known at the time.",
+        ),
     ] = False,
     report: Annotated[bool, typer.Option("--report", help="Write an HTML report of each log, too.")] = False,
     as_json: options.AsJson = False,
@@ -52,8 +56,8 @@ def estimate(
     everything succeeds.
 
     With --smooth grade, speed, altitude, mass and biases are those of a Rauch-Tung-Striebel smoother, as far
-    as an estimator tells of them; friction, forces and bank stay as they were known at the time. Not every
-    estimator can be smoothed; without --estimator all run that can.
+    as an estimator tells of them; validity, friction, forces and bank stay as they were known at the time.
+    Not every estimator can be smoothed; without --estimator all run that can.
 
     \b
     Example:
