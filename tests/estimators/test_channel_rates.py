@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from tests.estimators.friction_drives import lane_change, level_car
 
 from roadstate.core import Log
+from roadstate.core.constants import GRAVITY
 from roadstate.estimators import build
+from roadstate.estimators.intake import ROWS, Intake
 from roadstate.run import scan
 from roadstate.vehicles import Vehicle
 
@@ -47,6 +50,28 @@ def test_rows_between_its_samples_make_a_channel_no_less_sure(
     for quantity in {"speed", "grade", "velocity_y"} & set(few.std):
         ratio = np.median(many.std[quantity][::WITHIN][500:] / few.std[quantity][500:])
         assert ratio == pytest.approx(1.0, abs=0.06), quantity
+
+
+@pytest.mark.parametrize(
+    ("every", "name", "error"),
+    [(1, "yaw_rate", 0.0), (10, "yaw_rate", 0.01), (10, "accel_y", 0.01), (10, "accel_x", 0.27)],
+)
+def test_what_a_bend_does_goes_on_between_samples_that_are_sparse(
+    vehicle: Vehicle, every: int, name: str, error: float
+) -> None:
+    """A signal that rises by 3/s, of which every tenth sample comes: brakes may let go at any time."""
+    intake = Intake(vehicle, [name])
+    state, none = intake.init(), dict.fromkeys(intake.channels, jnp.asarray(np.nan))
+    leans = {"accel_x": vehicle.body.pitch_gradient, "accel_y": vehicle.body.roll_gradient}
+    scale = 1 + GRAVITY * leans.get(name, 0.0)
+    worst = 0.0
+    for k in range(60):
+        true = 0.03 * k * scale
+        sample = none | {name: jnp.asarray(true)} if k % every == 0 else none
+        state, told = intake.read(state, sample, jnp.asarray(20.0), jnp.asarray(0.01))
+        if k > 2 * every:
+            worst = max(worst, abs(float(told.value[ROWS.index(name)]) - 0.03 * k))
+    assert worst == pytest.approx(error, abs=0.02)
 
 
 @pytest.mark.parametrize("name", ["friction-ukf", "lm-aekf", "two-stage"])

@@ -43,6 +43,7 @@ _GUST = 3.0  # m/s/√Hz: a wind that varies by 1 m/s over 5 s
 _TURNING = 0.05  # 1σ of the share of the front axle's lateral force that steering turns backward
 _SPLIT_ERROR = 0.3  # 1σ of what each wheel brakes where nothing tells, as a share of what one does at most
 _INERTIA_ERROR = 0.1  # 1σ of the yaw inertia, as a share of it
+_GOES_ON = 0.5  # 1σ of how a_y changes until its next sample, as a share of how it has
 _PLACE_ERROR = 0.05  # m: 1σ of where the IMU is along the car, once that has been learned
 _TRAIL = 0.03  # m: pneumatic trail of a car's tire below the limit
 CALM = 0.1
@@ -287,7 +288,9 @@ class ForceMeter(eqx.Module):
         # what one side brakes more than the other turns the car, too
         pulled = root(jnp.sum((self._half_track * split) ** 2))
         moment = rss(_INERTIA_ERROR * car.yaw_inertia * rotation, pulled) / (axles * car.wheelbase)
-        missing = jnp.where((signals.age[ACCEL_Y] < STALE) & (signals.age[YAW_RATE] < STALE), 0.0, jnp.inf)
+        age = jnp.maximum(signals.age[ACCEL_Y], signals.age[YAW_RATE])
+        missing = jnp.where(age < STALE, 0.0, jnp.inf)
+        goes_on = _GOES_ON * jnp.abs(signals.rate[ACCEL_Y]) * jnp.minimum(age, STALE) / GRAVITY
         gust = 2 * drag / jnp.maximum(jnp.abs(speed), 1.0) * _GUST
         forces = AxleForces(
             along=slow.along,
@@ -300,7 +303,7 @@ class ForceMeter(eqx.Module):
             jolt=jolt,
             shaken=signals.shaken,
             along_std=split / jnp.maximum(load, 0.1 * jnp.mean(load)) + unsure,
-            across_std=rss(moment, _PLACE_ERROR * rotation / GRAVITY) + missing,
+            across_std=rss(moment, _PLACE_ERROR * rotation / GRAVITY, goes_on) + missing,
             accel=accel,
             lean=lean,
             yaw_accel=signals.rate[YAW_RATE],

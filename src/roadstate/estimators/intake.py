@@ -49,6 +49,10 @@ _ACTIVE = (0.5, 0.8, 0.06, np.inf, 3.0, 3.0, 3.0, 3.0)
 _PER_ACCEL = 2.0  # rad/s per m/s²: that the acceleration changes tells as much of a wheel as that others do
 # of a speed that wheels do not tell: share that a sample has, m/s it changes it by at most, what it counts
 _OTHER = (0.4, 1.0, 0.7)
+# s between samples of an inertial signal that is sparse: in between what a bend does is taken to go on as it
+# has changed from one to the next; and s after the last one for which it does
+_SPARSE, _GOES_ON = (0.03, 0.15), 0.1
+_SWERVES = np.isin(np.arange(8), (ACCEL_Y, YAW_RATE))
 _LEAST_STEP = 1e-3  # s
 _SLOWEST = 1.0  # m/s below which a car's signals may well stand still
 FASTEST_BACKWARD = 8.0
@@ -72,6 +76,7 @@ class SignalState(NamedTuple):
     Attributes:
         value: (8,) latest samples believed, in the order of :data:`ROWS`.
         age: (8,) s since they came.
+        steep: (8,) how fast an inertial signal that comes sparsely changes, per s; 0 of any other.
         refused: (8,) samples refused in a row as spikes.
         repeats: (8,) equal samples in a row.
         low, high: (8,) range, since the last change of a signal, of what tells the same.
@@ -86,6 +91,7 @@ class SignalState(NamedTuple):
 
     value: Float[Array, " 8"]
     age: Float[Array, " 8"]
+    steep: Float[Array, " 8"]
     refused: Float[Array, " 8"]
     repeats: Float[Array, " 8"]
     low: Float[Array, " 8"]
@@ -103,8 +109,8 @@ class Signals(NamedTuple):
     """The car's signals at one instant, in the order of :data:`ROWS`.
 
     Attributes:
-        value: (8,) held; specific forces freed of the body's pitch and roll; steer at the road wheels; wheel
-            speeds signed. m/s², rad/s, rad.
+        value: (8,) held, or going on as they changed; specific forces freed of the body's pitch and roll;
+            steer at the road wheels; wheel speeds signed. m/s², rad/s, rad.
         age: (8,) s since a sample came; of a stuck one :data:`STALE` and more.
         is_fresh: (8,) whether a believed sample came just now.
         smooth: (8,) low-passed.
@@ -189,6 +195,7 @@ class Intake(eqx.Module):
             none,
             none,
             none,
+            none,
             Blur.start(8),
             Quadratic.start(8),
             Shaking.still(2),
@@ -245,16 +252,21 @@ class Intake(eqx.Module):
         age = jnp.where(taken, 0.0, since)
         first = state.age > STALE  # what was before a silence says nothing of how it changes now
         lag = jnp.where(first, 1.0, -jnp.expm1(-dt / SMOOTHING))
-        smooth = state.smooth + lag * (value - state.smooth)
-        blur = state.blur.take(lag, age, STALE, dt)
-        fit = state.fit.take(value, first, self.memory, dt)
+        sparse = (since >= _SPARSE[0]) & (since <= _SPARSE[1]) & (np.arange(8) < STEER)
+        slope = (value - state.value) / jnp.maximum(since, _LEAST_STEP)
+        steep = jnp.where(taken, jnp.where(sparse, slope, 0.0), state.steep)
+        swerves = jnp.where(_SWERVES, steep, 0.0)
+        current = value + swerves * jnp.minimum(age, _GOES_ON)
+        smooth = state.smooth + lag * (current - state.smooth)
+        blur = state.blur.take(lag, jnp.where(swerves == 0, age, 0.0), STALE, dt)
+        fit = state.fit.take(current, first, self.memory, dt)
         now, now_rate = fit.ahead(jnp.asarray(_LATE))
         shaking = state.shaking.take(
             value[INERTIAL], taken[INERTIAL], since[INERTIAL] > STALE, since[INERTIAL]
         )
         refused = jnp.where(refuse, state.refused + 1, jnp.where(taken, 0.0, state.refused))
         signals = Signals(
-            value=value,
+            value=current,
             age=jnp.where(stuck, jnp.maximum(age, 2 * STALE), age),
             is_fresh=taken & (~stuck),
             smooth=smooth,
@@ -267,7 +279,7 @@ class Intake(eqx.Module):
             is_faulty=stuck | (refused > 0) | (told & ~seen),
         )
         return SignalState(
-            value, age, refused, repeats, low, high, smooth, blur, fit, shaking, gear, other, sense
+            value, age, steep, refused, repeats, low, high, smooth, blur, fit, shaking, gear, other, sense
         ), signals
 
     def _sense(

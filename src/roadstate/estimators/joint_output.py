@@ -33,6 +33,8 @@ _CG_ERROR = 0.015  # of the wheelbase: 1σ of where the centre of gravity is alo
 _SHARED = 0.03  # 1σ of how forces along are shared by the axles, whose torques err each by itself
 # 1σ of what is added along and across to undo the low pass, as a share of it
 _LEAD_ERROR = np.array([1.0, 0.7])
+# 1σ of what they change by until a sample comes, as a share of how they have changed before
+_HELD_ERROR = np.array([1.0, 0.5])
 _FITTED = 2.06  # white noise's variance after a fit, times its memory
 _SWIFT = np.array([0.3, 0.6]) ** 2  # 1σ² of what accelerometer and torques change by beyond a low pass's lag
 _LEAST_FORCE = 10.0  # N by which an axle without torque shares in what torques err
@@ -118,7 +120,11 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
     lateral = forces.now.across - misread
     straight, straight_std = _along(joint, state, scale)
     stir = jnp.maximum(forces.stir - NOISY * axles, 0.0)
-    leads = jnp.asarray(_LEAD_ERROR, stir.dtype)[:, None] * stir
+    # between samples that are sparse
+    signals, inertial = state.signals, slice(ACCEL_X, ACCEL_Y + 1)
+    held = jnp.abs(signals.steep[inertial]) * jnp.minimum(signals.age[inertial], STALE) / GRAVITY
+    since = jnp.asarray(_HELD_ERROR, axles.dtype) * held
+    leads = rss(jnp.asarray(_LEAD_ERROR, stir.dtype)[:, None] * stir, since[:, None] * axles)
     lasting = jnp.stack([jnp.sum(straight_std), jnp.sum(axles) * side_std[BIAS_Y] / GRAVITY])
     across, aside = _across(joint, state, jnp.sum(lateral))
     used, used_std = _used(forces, straight, across, leads, lasting)
