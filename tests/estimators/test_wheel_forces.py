@@ -147,6 +147,14 @@ def test_wheels_of_a_car_on_the_plant(
         assert np.mean(inside) > 0.85
 
 
+def test_a_bend_that_nothing_tells_of_may_shift_the_load(vehicle: Vehicle) -> None:
+    sharing, two, one = WheelSharing.of(vehicle), jnp.zeros(2), jnp.ones(())
+    calm = ForceMeter(vehicle, ["accel_x"]).nothing()._replace(load=jnp.full(4, 3500.0))
+    known = Known(two, two, two, two, two + 0.9, one, 0.0 * one, 20.0 * one)
+    told = sharing.share(calm._replace(across_std=two), known).load_std
+    assert (sharing.share(calm, known).load_std > 5 * told).all()
+
+
 def test_what_is_not_told_across_is_not_shared(vehicle: Vehicle) -> None:
     """Without a lateral accelerometer nobody knows F_y, nor what a bend shifts."""
     channels = [f"wheel_speed_{w}" for w in WHEELS] + ["accel_x"]

@@ -29,6 +29,7 @@ _OWN = (0.004, 0.012)
 _PARKED = 0.06  # of the load: with what the wheels of an axle that stands push against each other
 _STANDING = 0.02  # 1σ of the share of the weight that a wheel of a car at rest bears
 _SHIFTED = 0.1  # 1σ of the load that shifts from wheel to wheel, as a share of it
+_UNSEEN = 0.3  # 1σ of what a bend that nothing tells of shifts, as a share of a wheel's load at rest
 # 1σ of a wheel's forces along and across and of its load over its load at rest, as multiples of what a rough
 # road shakes the accelerometers by over g
 _SHAKEN = (0.5, 1.5, 15.0)
@@ -122,7 +123,8 @@ class WheelSharing(eqx.Module):
             shaken[1],
             parked,
         )
-        load_std = rss(known.mass_std * load, _STANDING * calm, _SHIFTED * (load - calm), shaken[2])
+        unseen = _twice(jnp.where(jnp.isfinite(forces.across_std), 0.0, _UNSEEN)) * calm
+        load_std = rss(known.mass_std * load, _STANDING * calm, _SHIFTED * (load - calm), unseen, shaken[2])
         across = part * _twice(known.across)
         return WheelForces(along, along_std, across, across_std, known.mass * forces.load, load_std)
 
