@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import jax
 
-from roadstate.core.channels import did_you_mean
+from roadstate.core.channels import channel, did_you_mean
 from roadstate.core.errors import InputError
 from roadstate.estimators.base import Estimate, Estimator, Need, Sample
 
@@ -40,9 +40,13 @@ def build(name: str, vehicle: Vehicle, available: Collection[str], **options: An
     """Build an estimator by name for a vehicle and the channels that a log has.
 
     Raises:
-        InputError: no such estimator, or a channel it needs is missing (says which, and which estimators
-            the channels would do for).
+        InputError: no such estimator, a name for a vehicle, a channel that is none, or one it needs that is
+            missing (says which, and which estimators the channels would do for).
     """
+    if isinstance(vehicle, str):
+        raise InputError("the vehicle is a name", mend=f"give load_vehicle('{vehicle}')")
+    for each in available:
+        channel(each)
     classes = all_estimators()
     if name not in classes:
         raise InputError(f"no estimator is called '{name}'", mend=did_you_mean(name, classes))
