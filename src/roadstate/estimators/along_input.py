@@ -19,6 +19,7 @@ from roadstate.estimators.base import Sample, leaf
 from roadstate.estimators.contact_forces import CALM
 from roadstate.estimators.intake import (
     ACCEL_X,
+    ACCEL_Y,
     SMOOTHING,
     SPIN,
     STALE,
@@ -29,6 +30,7 @@ from roadstate.estimators.intake import (
 from roadstate.estimators.noise_learning import NoiseLearner, Unrest
 from roadstate.estimators.pitch import Pitching, lean_std
 from roadstate.estimators.shortfall import Shortfall
+from roadstate.estimators.sideways import SLOWEST
 from roadstate.estimators.signals import NEVER, signed, span, way
 from roadstate.estimators.tire_contact import ANY, ContactState, TireContact
 from roadstate.estimators.traction import UNKNOWN
@@ -171,7 +173,11 @@ class AlongIntake(eqx.Module):
         accel = jnp.where(felt, raw, jnp.where(by_torque, forces.explained, x[SLOPE] + x[BIAS]))
         intensity = jnp.where(felt, self.accel_noise, jnp.where(by_torque, forces.intensity, _UNSEEN))
         between = jnp.clip(_BETWEEN[0] * (dt - STALE), 0.0, _BETWEEN[1]) * root(dt)
-        turning = seen.smooth[YAW_RATE]  # or what others make of it
+        # not what wheels make of it, one of which may spin
+        bends = (seen.age[ACCEL_Y] < STALE) & (jnp.abs(speed) > SLOWEST)
+        aside = seen.smooth[ACCEL_Y] / jnp.where(bends, speed, 1.0)
+        turning = jnp.where(bends, aside, 0.0)
+        turning = jnp.where(seen.age[YAW_RATE] < STALE, seen.smooth[YAW_RATE], turning)
         u = AlongInput(
             accel=accel + velocity_y * turning,
             by_torque=by_torque,

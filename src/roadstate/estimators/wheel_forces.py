@@ -113,9 +113,12 @@ class WheelSharing(eqx.Module):
         )
         side = jnp.abs(known.across)
         use = jnp.clip(side / (known.friction * by_axle(load)), 0.0, 1.0) ** 2
-        part = _part(load ** _twice(_STIFFNESS + _LIMIT * use))
+        # of an axle's two wheels the share of one follows from the logarithm of its load over the other's
+        apart = jnp.log(load[0::2] / load[1::2])
+        left = 0.5 + 0.5 * jnp.tanh(0.5 * (_STIFFNESS + _LIMIT * use) * apart)
+        part = jnp.stack([left, 1 - left], axis=1).reshape(4)
         # what the share changes by with the power
-        tilt = part * (1 - part) * jnp.abs(jnp.log(load / load[jnp.asarray([1, 0, 3, 2])]))
+        tilt = part * (1 - part) * _twice(jnp.abs(apart))
         across_std = rss(
             part * _twice(known.across_std),
             _POWER_ERROR * tilt * _twice(use * side),
