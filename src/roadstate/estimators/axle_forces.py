@@ -8,6 +8,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from roadstate.estimators.load_transfer import Lean
+from roadstate.estimators.signals import STANDSTILL_SPEED
+
+LEAST_FORCE = 10.0
+"""N by which an axle or a wheel without torque shares in what torques err."""
+_PARKED = 0.06  # of the load
 
 
 class Current(NamedTuple):
@@ -108,6 +113,11 @@ def held_back(across: Float[Array, ""], steer: Float[Array, ""], front: Float[Ar
 def by_axle(wheels: Float[Array, " 4"]) -> Float[Array, " 2"]:
     """Sums over the wheels of the front and of the rear axle."""
     return wheels.reshape(2, 2).sum(axis=1)
+
+
+def parked(load: Float[Array, " k"], speed: Float[Array, ""]) -> Float[Array, " k"]:
+    """1σ, N, of what axles or wheels of so much load (N), held by brakes, push against each other."""
+    return _PARKED * load * jnp.exp(-((speed / STANDSTILL_SPEED) ** 2))
 
 
 def damped(value: Float[Array, ...], noise: Float[Array, ...]) -> Float[Array, ...]:

@@ -13,7 +13,7 @@ from roadstate.core.constants import GRAVITY
 from roadstate.core.estimates import Validity
 from roadstate.core.numerics import in_default
 from roadstate.estimators.along import BIAS, SCALE, SLOPE, SPEED
-from roadstate.estimators.axle_forces import AxleForces, by_axle
+from roadstate.estimators.axle_forces import LEAST_FORCE, AxleForces, by_axle, parked
 from roadstate.estimators.base import Estimate
 from roadstate.estimators.contact_forces import NOISY
 from roadstate.estimators.friction_bank import VIEWS
@@ -37,7 +37,6 @@ _LEAD_ERROR = np.array([1.0, 0.7])
 _HELD_ERROR = np.array([1.0, 0.5])
 _FITTED = 2.06  # white noise's variance after a fit, times its memory
 _SWIFT = np.array([0.3, 0.6]) ** 2  # 1σ² of what accelerometer and torques change by beyond a low pass's lag
-_LEAST_FORCE = 10.0  # N by which an axle without torque shares in what torques err
 # 1σ of these over g, as a share of what a rough road shakes the accelerometers by: tires bear more and less
 # as they bounce, and the body passes on only a part of it
 _SHAKEN = (0.7, 1.8)
@@ -45,7 +44,6 @@ _SHAKEN = (0.7, 1.8)
 # (ISO 8608), times the root of the speed, over what it shakes the accelerometers by both ways
 _UNEVEN = 0.084
 _DRIFTS = 0.02  # 1σ of v̇_y over g
-_PARKED = 0.06  # of the load: with what brakes hold the axles of a car that stands against each other
 
 
 def validity_of(
@@ -135,9 +133,8 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
         tell("bank", bank, side_std[BANK] / (GRAVITY * jnp.cos(bank)))
     shaken = jnp.asarray(_SHAKEN, axles.dtype) * forces.shaken / GRAVITY
     along = scale * straight
-    parked = _PARKED * axles * jnp.exp(-((mean[SPEED] / STANDSTILL_SPEED) ** 2))
     rough = rss(_ROUGH[0] * axles, shaken[0] * axles, _SHARED * straight, straight_std)
-    along_std = rss(scale_std * straight, rough, parked)
+    along_std = rss(scale_std * straight, rough, parked(axles, mean[SPEED]))
     unsure = 0.5 * by_axle(forces.along_std)
     spread = jnp.where(jnp.isfinite(unsure), unsure, 1.0) * axles
     across = scale * lateral
@@ -195,7 +192,7 @@ def _along(joint: Joint, state: JointState, scale: Array) -> tuple[Array, Array]
     lasting = jnp.stack([felt + aside**2, jnp.sum((std[figures] * known) ** 2)])
     by_accel = fitted * noise[0] ** 2 + noise[2] ** 2 + lasting[0] + swift[0]
     by_torque = noise[1] ** 2 + swift[1] + lasting[1]
-    size = jnp.abs(told) + _LEAST_FORCE
+    size = jnp.abs(told) + LEAST_FORCE
     part = size / jnp.sum(size)
     measured = measured + mass * more * part
     told = (told + mass * jnp.sum(mean[figures] * known) * part) / scale

@@ -9,16 +9,14 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from roadstate.core.constants import GRAVITY
-from roadstate.estimators.axle_forces import AxleForces, by_axle
+from roadstate.estimators.axle_forces import LEAST_FORCE, AxleForces, by_axle, parked
 from roadstate.estimators.base import leaf
 from roadstate.estimators.contact_forces import NOISY
-from roadstate.estimators.signals import STANDSTILL_SPEED
 from roadstate.linalg import rss
 
 if TYPE_CHECKING:
     from roadstate.vehicles import Vehicle
 
-_LEAST_FORCE = 10.0  # N by which a wheel that nothing drives or brakes shares in what its axle gains
 _PADS = 0.05  # 1σ of a brake's torque that no other wheel has in common with it, as a share of it
 # power of the load with which the tires of an axle share a lateral force: at small angles, as their
 # stiffnesses do; and what the limit adds to it
@@ -26,7 +24,6 @@ _STIFFNESS, _LIMIT = 0.6, 0.3
 _POWER_ERROR = 0.2  # 1σ of it once an axle uses all its friction: how close it comes to that is not known
 # 1σ of a wheel's force along and across that nothing tells, as a share of its load: camber, toe, steering
 _OWN = (0.004, 0.012)
-_PARKED = 0.06  # of the load: with what the wheels of an axle that stands push against each other
 _STANDING = 0.02  # 1σ of the share of the weight that a wheel of a car at rest bears
 _SHIFTED = 0.1  # 1σ of the load that shifts from wheel to wheel, as a share of it
 _UNSEEN = 0.3  # 1σ of what a bend that nothing tells of shifts, as a share of a wheel's load at rest
@@ -93,12 +90,12 @@ class WheelSharing(eqx.Module):
 
     def share(self, forces: AxleForces, known: Known) -> WheelForces:
         """Of forces on a car of the file's mass, and what is known of the axles beyond them."""
-        load, speed = jnp.maximum(forces.load, 1.0), jnp.abs(known.speed)
+        load = jnp.maximum(forces.load, 1.0)
+        held = parked(load, known.speed)
         calm = _twice(by_axle(load)) / 2
         shaken = jnp.asarray(_SHAKEN, load.dtype)[:, None] * jnp.min(forces.shaken) / GRAVITY * calm
-        parked = _PARKED * load * jnp.exp(-((speed / STANDSTILL_SPEED) ** 2))
         torques = known.mass * forces.along
-        part = _part(jnp.abs(torques) + _LEAST_FORCE)
+        part = _part(jnp.abs(torques) + LEAST_FORCE)
         along = torques + part * _twice(known.along - by_axle(torques))
         gain = jnp.where(along < 0, jnp.maximum(self._gain, _PADS), self._gain)
         split = jnp.where(jnp.isfinite(forces.along_std), forces.along_std, 1.0) * load
@@ -109,7 +106,7 @@ class WheelSharing(eqx.Module):
             jnp.maximum(forces.jolt - NOISY * load, 0.0),
             _OWN[0] * load,
             shaken[0],
-            parked,
+            held,
         )
         side = jnp.abs(known.across)
         use = jnp.clip(side / (known.friction * by_axle(load)), 0.0, 1.0) ** 2
@@ -124,7 +121,7 @@ class WheelSharing(eqx.Module):
             _POWER_ERROR * tilt * _twice(use * side),
             _OWN[1] * load,
             shaken[1],
-            parked,
+            held,
         )
         unseen = _twice(jnp.where(jnp.isfinite(forces.across_std), 0.0, _UNSEEN)) * calm
         load_std = rss(known.mass_std * load, _STANDING * calm, _SHIFTED * (load - calm), unseen, shaken[2])
