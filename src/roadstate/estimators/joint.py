@@ -256,7 +256,8 @@ class Joint(Estimator[JointState]):
         watch = once(self.watch.look(state.watch, sample, dt))
         lag, since = self.watch.lateness(watch, self.sensors), self.watch.since(watch, self.sensors)
         lasting = jnp.sqrt(_LATE_TIME / jnp.clip(since, _LEAST_STEP, _LATE_TIME))
-        u = u._replace(sensor_std=rss(u.sensor_std, lag * u.gaining * lasting))
+        alike = root(self.watch.alike(watch, self.sensors))
+        u = u._replace(sensor_std=rss(alike * u.sensor_std, lag * u.gaining * lasting))
         pitch = state.pitch
         if "attitude" in self.sensors:
             tilt = jnp.stack([across[BANK], across_std[BANK]]) / GRAVITY

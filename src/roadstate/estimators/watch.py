@@ -17,6 +17,10 @@ _SILENT = 0.25  # s without a sample, besides twice the longest usual gap
 _FORGETS = 60.0  # s after which a long gap is no longer usual
 _LATEST = 1.0  # s: a longer silence is no jump of a clock, and what comes after it is in time
 _ALARM = 0.5  # s for which a spike is told
+# s that equal samples, which err alike, count for at the most, and after which that they came is forgotten
+_REPEATS, _REFRESHED = 0.5, 0.5
+_LEAST_STEP = 1e-3  # s
+_COARSEST = 0.5  # of a channel's unit: the largest step in which it may come
 # by how much no channel changes from sample to sample, to be back at the next, if they are s apart at most
 _SPIKES = {
     "accel_?": (8.0, 0.03),
@@ -43,6 +47,9 @@ class WatchState(NamedTuple):
         gap: (n,) s, the longest usual interval; 0 before there is one.
         alarm: (n,) s for which a spike will still be told.
         late: (n,) s by which a channel may be late since it was silent as long, as when its clock has jumped.
+        repeated: (n,) s for which the latest sample has repeated the one before it.
+        repeats: (n,) s, the longest of that of late.
+        step: (n,) the least by which two samples in a row differed; infinite before any did.
     """
 
     last: Float[Array, " n"]
@@ -52,6 +59,9 @@ class WatchState(NamedTuple):
     gap: Float[Array, " n"]
     alarm: Float[Array, " n"]
     late: Float[Array, " n"]
+    repeated: Float[Array, " n"]
+    repeats: Float[Array, " n"]
+    step: Float[Array, " n"]
 
     @property
     def is_silent(self) -> Bool[Array, " n"]:
@@ -89,7 +99,8 @@ class Watch(eqx.Module):
     def init(self) -> WatchState:
         """Nothing has come."""
         none = jnp.zeros(len(self.channels))
-        return WatchState(none, none, none + 1e6, none + 1e6, none, none, none)
+        never = none + 1e6
+        return WatchState(none, none, never, never, none, none, none, none, none, none + jnp.inf)
 
     @property
     def fault_names(self) -> tuple[str, ...]:
@@ -110,6 +121,21 @@ class Watch(eqx.Module):
         """(m,) s from the sample before to the latest of each sensor; of one not watched, anything."""
         return state.interval[self._places(sensors)]
 
+    def alike(self, state: WatchState, sensors: Sequence[str]) -> Float[Array, " m"]:
+        """(m,) how many samples of each sensor are as good as one; 1 of a wheel, or not watched.
+
+        A speed in whole km/h that comes a hundred times a second repeats itself, and its error with it.
+        """
+        counts = np.array([s in self.channels and not s.startswith("wheel_speed") for s in sensors])
+        places = self._places(sensors)
+        alike = 1 + state.repeats[places] / jnp.maximum(state.interval[places], _LEAST_STEP)
+        return jnp.where(counts, alike, 1.0)
+
+    def step(self, state: WatchState, channel: str) -> Float[Array, ""]:
+        """In what steps a channel comes, as far as :data:`_COARSEST`; 0 before that is known."""
+        step = state.step[self.channels.index(channel)]
+        return jnp.where(jnp.isfinite(step), jnp.minimum(step, _COARSEST), 0.0)
+
     def _places(self, sensors: Sequence[str]) -> Int[Array, " m"]:
         return jnp.asarray([self.channels.index(s) if s in self.channels else 0 for s in sensors])
 
@@ -127,6 +153,11 @@ class Watch(eqx.Module):
         home = jnp.abs(there + back) < 0.5 * self._most
         silence = jnp.where(since <= _LATEST, since, 0.0)
         spike = seen & far & home & (jnp.maximum(since, state.interval) < self._short)
+        change = jnp.abs(now - state.last)
+        same = came & (change == 0)
+        repeated = jnp.where(seen, jnp.where(same, state.repeated + since, 0.0), state.repeated)
+        repeats = jnp.maximum(jnp.minimum(repeated, _REPEATS), state.repeats * jnp.exp(-dt / _REFRESHED))
+        steps = seen & came & (change > 0)
         return WatchState(
             last=now,
             before=jnp.where(seen, state.last, state.before),
@@ -135,4 +166,7 @@ class Watch(eqx.Module):
             gap=gap,
             alarm=jnp.where(spike, _ALARM, state.alarm - dt),
             late=jnp.where(seen & state.is_silent, silence, state.late * jnp.exp(-dt / _FORGETS)),
+            repeated=repeated,
+            repeats=repeats,
+            step=jnp.where(steps, jnp.minimum(state.step, change), state.step),
         )
