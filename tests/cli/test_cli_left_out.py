@@ -95,3 +95,18 @@ def test_a_refusal_tells_of_what_was_left_out_in_its_one_line(run: Run, tmp_path
     end = run("estimate", file, "-v", "suv", "-o", tmp_path / "o")
     assert_refusal(end)
     assert "no canonical channel found; speed was left out (no plain numbers); give a mapping" in end.err
+
+
+def test_samples_that_are_repeated_are_told_of(run: Run, tmp_path: Path) -> None:
+    rows = [(0.01 * i, 10.0 + 0.01 * (i // 10) ** 1.5, 0.1 * (i % 7)) for i in range(500)]
+    file = csv(tmp_path / "log.csv", "time [s],speed,accel_x", rows)
+    words = (file, "-v", "family-car", "-e", "kmbe", "-o", tmp_path / "o")
+    end = run("estimate", *words, "--json")
+    assert end.err == (
+        f"{file}: speed: each sample is repeated for 10 rows; it is taken once; if these are measurements of "
+        "their own, set 'time: {held: keep}' in the mapping\n"
+    )
+    assert end.json["logs"]["log"]["held"] == {"speed": 10}
+    mapping = tmp_path / "m.yaml"
+    mapping.write_text("time: {held: keep}\n")
+    assert run("estimate", *words, "-m", mapping).err == ""

@@ -200,3 +200,26 @@ def test_an_imu_outranks_signals_that_carry_a_canonical_name() -> None:
     }
     out = apply(content, raw)
     assert [out[f"accel_{a}"].values[0] for a in "xyz"] == [-1.0, -2.0, 3.0]
+
+
+def test_samples_that_a_table_repeats_are_taken_once() -> None:
+    speed = 20 + np.sin(np.arange(100.0))
+    raw = recording(speed=np.repeat(speed, 5), ref_velocity_x=np.repeat(speed, 5))
+    out = apply({}, raw)
+    assert out.metadata["held"] == {"speed": 5}
+    assert np.isfinite(out["speed"].values).sum() == 100
+    np.testing.assert_array_equal(out["speed"].values[::5], speed)
+    assert np.isfinite(out["ref_velocity_x"].values).all()
+    kept = apply({"time": {"held": "keep"}}, raw)
+    assert "held" not in kept.metadata
+    assert np.isfinite(kept["speed"].values).all()
+
+
+def test_turned_axes_are_made_of_whole_rows() -> None:
+    """Axes held for as long, but taken at other moments."""
+    along, across = np.sin(np.arange(100.0)), np.cos(np.arange(100.0))
+    raw = recording(a=np.repeat(along, 5), b=np.roll(np.repeat(across, 5), 2), c=np.zeros(500))
+    accel = {"x": "a", "y": "b", "z": "c"}
+    content = {"imu": {"accel": accel}, "rotation": {"forward": "x", "left": "y", "yaw": "30 deg"}}
+    out = apply(content, raw)
+    assert np.isfinite(out["accel_x"].values).sum() >= 100

@@ -62,6 +62,19 @@ def empty_channels(log: Log) -> dict[str, str]:
     return {f"{name} has no sample that is a number": LOOK_AT_IT for name in silent}
 
 
+def held_channels(metadata: Mapping[str, Any]) -> dict[str, str]:
+    """Channels whose samples were repeated row by row: what was done about it → how to have it otherwise."""
+    by_rows: dict[int, list[str]] = {}
+    for name, rows in metadata.get("held", {}).items():
+        by_rows.setdefault(rows, []).append(name)
+    return {
+        f"{_some(names)}: each sample is repeated for {rows} rows; it is taken once": (
+            "if these are measurements of their own, set 'time: {held: keep}' in the mapping"
+        )
+        for rows, names in by_rows.items()
+    }
+
+
 @contextmanager
 def blaming(missed: Iterable[str]) -> Iterator[None]:
     """Let a refusal tell of the channels that were left out, which may well be why."""

@@ -141,12 +141,12 @@ def run_all(
         needs_reference: refuse a log without one.
 
     At its end the canonical channels that are in the files but could not be read, are empty or are spelt
-    otherwise are named on standard error.
+    otherwise are named on standard error, and those whose samples are repeated from row to row.
 
     Raises:
         InputError: names the file at fault.
     """
-    from roadstate.cli.left_out import blaming, empty_channels, missed_channels
+    from roadstate.cli.left_out import blaming, empty_channels, held_channels, missed_channels
     from roadstate.cli.logs import naming
 
     groups, mapping = source.groups(), source.load_mapping()
@@ -160,7 +160,7 @@ def run_all(
                 _check_reference(log, settle)
             run = run_log(name, log, vehicle, estimators, work, settle=settle, smooth=smooth)
         yield run
-        noted = missed | empty_channels(log)
+        noted = missed | empty_channels(log) | held_channels(log.metadata)
         notes += [InputError(what, where=str(file), mend=mend) for what, mend in noted.items()]
         work.begin("reading")
     for note in notes:  # not before the last log is done, since a refusal is to be the only line

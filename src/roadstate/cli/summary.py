@@ -53,6 +53,7 @@ def log_summary(run: Run) -> dict[str, Any]:
         "skipped": list(log.metadata.get("skipped", [])),
         "undecoded": list(log.metadata.get("undecoded", [])),
         "dropped": dict(log.metadata.get("dropped", {})),
+        "held": dict(log.metadata.get("held", {})),
         "estimators": {name: estimates_summary(e) for name, e in run.results.items()},
         "metrics": {
             name: {quantity: m.to_json() for quantity, m in found.items()}

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from roadstate.core import tabular
 from roadstate.core.channels import CHANNELS, channel
 from roadstate.core.errors import InputError
+from roadstate.core.held import sampled
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -104,6 +105,16 @@ class Log:
     def with_channels(self, channels: Mapping[str, Array]) -> Log:
         """The same log with channels added or replaced."""
         return Log(self.time, {**self.channels, **channels}, self.metadata)
+
+    def without_repeats(self) -> Log:
+        """The same log with each sample once where a channel holds it for several rows, and NaN after that.
+
+        A table with one row per 10 ms repeats the sample of a 10 Hz receiver ten times. Reading a file leaves
+        the repeats out (``held`` in the metadata); a log made in memory keeps them until this is called.
+        References stay as they are.
+        """
+        measured = {n: v for n, v in self.channels.items() if not CHANNELS[n].is_reference}
+        return self.with_channels({n: sampled(v)[0] for n, v in measured.items()})
 
     def to_pandas(self) -> pd.DataFrame:
         """A data frame indexed by ``time [s]`` with columns ``name [unit]``; metadata in ``attrs``."""

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from roadstate.core import CHANNELS, InputError, Recording, Signal
+from roadstate.core.held import sampled
 from roadstate.core.signals import in_order, interpolate
 from roadstate.core.units import to_channel_unit
 from roadstate.io.mapping_channel import ChannelMap, Condition, Gain, is_linear_wheel_speed, is_slope
@@ -26,7 +27,7 @@ Array = NDArray[np.float64]
 _TOLERANCE = 1e-6  # relative, when raw values are compared with those that mean invalid
 _MOST_OUT_OF_ORDER = 0.05  # of a signal's samples, that may be left out
 _FEW = 10  # that may in any case
-_OF_A_MAPPING = ("mapped", "sources", "reference_std", "dropped", "misspelt")
+_OF_A_MAPPING = ("mapped", "sources", "reference_std", "dropped", "held", "misspelt")
 
 
 class Mapping(Sections):
@@ -55,10 +56,11 @@ class Mapping(Sections):
         Returns:
             Canonical signals. The metadata are kept, with ``mapped`` (canonical → what it was made of, in
             words), ``sources`` (canonical → raw names) and, where there are any, ``dropped`` (raw name →
-            samples left out for their time), ``misspelt`` (raw name → the canonical one that it is but for
-            case, blanks and hyphens, where nothing else became that channel) and ``reference_std`` (of
-            derived references: their standard error, the median over the log, in SI; that of a reference
-            taken as it is stays).
+            samples left out for their time), ``held`` (canonical → rows for which each sample is repeated,
+            which were left out: :func:`~roadstate.core.held.sampled`), ``misspelt`` (raw name → the canonical
+            one that it is but for case, blanks and hyphens, where nothing else became that channel) and
+            ``reference_std`` (of derived references: their standard error, the median over the log, in SI;
+            that of a reference taken as it is stays).
 
         Raises:
             InputError: a channel's signal is not there or there twice, a unit does not fit, a time base does
@@ -103,6 +105,7 @@ class _Application:
         self.sources: dict[str, list[str]] = {}
         self.reference_std: dict[str, float] = {}
         self.dropped: dict[str, int] = {}
+        self.held: dict[str, int] = {}
         self.units: dict[str, str] = {}
 
     def run(self) -> Recording:
@@ -128,6 +131,7 @@ class _Application:
         metadata |= {"mapped": self.mapped, "sources": self.sources}
         metadata |= {"reference_std": self.reference_std} if self.reference_std else {}
         metadata |= {"dropped": self.dropped} if self.dropped else {}
+        metadata |= {"held": self.held} if self.held else {}
         misspelt = {} if mapping.only_listed else self.misspelt()
         metadata |= {"misspelt": misspelt} if misspelt else {}
         return Recording(self.out, metadata)
@@ -157,6 +161,10 @@ class _Application:
             self.reference_std[name] = told[name]
 
     def put(self, name: str, signal: Signal, made_of: str, keys: list[str]) -> None:
+        if self.mapping.time.held == "drop" and not CHANNELS[name].is_reference:
+            values, rows = sampled(signal.values)
+            if rows > 1:
+                self.held[name], signal = rows, replace(signal, values=values)
         self.out[name], self.mapped[name], self.sources[name] = signal, made_of, keys
 
     def take_imu(self, place: str, axes: Axes, names: tuple[str, ...]) -> None:

@@ -108,11 +108,14 @@ class TimeMap(Section):
         column: name of the time column of a tabular file.
         unit: its unit, where its header gives none.
         repair: ``error`` refuses time that repeats or runs backward, ``drop`` leaves such samples out.
+        held: what becomes of samples that a slower signal repeats until its next one: ``drop`` takes each
+            once, ``keep`` takes every row for a sample.
     """
 
     column: Text | None = None
     unit: Text | None = None
     repair: Literal["error", "drop"] = "error"
+    held: Literal["drop", "keep"] = "drop"
 
     @field_validator("unit")
     @classmethod
