@@ -71,7 +71,14 @@ def test_friction_stays_known(spins: list[tuple[Log, Estimates]]) -> None:
 
 
 def tellings(
-    vehicle: Vehicle, *, turns: float, pairs: float, aside: float, steered: float, slides: float = 0.0
+    vehicle: Vehicle,
+    *,
+    turns: float,
+    pairs: float,
+    aside: float,
+    steered: float,
+    slides: float = 0.0,
+    velocity_y: float = 0.0,
 ) -> Tellings:
     """Of sensors at 20 m/s that lead to yaw rates (rad/s) of so much."""
     channels = [f"wheel_speed_{w}" for w in WHEELS] + ["accel_x", "accel_y", "yaw_rate", "steer"]
@@ -90,7 +97,7 @@ def tellings(
     four, one = jnp.zeros(4), jnp.zeros(())
     return redundancy.tell(
         seen, ForceMeter(vehicle, channels).nothing(), Held.empty(), one, four, four, jnp.asarray(slides),
-        jnp.asarray(SPEED), jnp.asarray(0.01),
+        jnp.asarray(SPEED), jnp.asarray(velocity_y), jnp.asarray(0.01),
     )  # fmt: skip
 
 
@@ -113,6 +120,16 @@ def test_one_that_lies_is_no_spin(vehicle: Vehicle, lies: dict[str, float]) -> N
     found = tellings(vehicle, **{"turns": 0.4, "pairs": 0.4, "aside": 0.4, "steered": 0.4} | lies)
     assert float(found.slides) == 0
     assert all(speaks(found, name) for name in ("yaw_rate", "accel_y", "steer"))
+
+
+def test_a_driver_who_steers_against_a_slide(vehicle: Vehicle) -> None:
+    """All else agrees that the car turns left, while it is steered to the right."""
+    against = {"turns": 0.28, "pairs": 0.3, "aside": 0.2, "steered": -0.2}
+    grips = tellings(vehicle, **against, velocity_y=-0.5)
+    assert speaks(grips, "steer")
+    slides = tellings(vehicle, **against, velocity_y=-2.0)
+    assert not speaks(slides, "steer")
+    assert all(speaks(slides, name) for name in ("yaw_rate", "accel_y", "front_pair", "rear_pair"))
 
 
 def test_a_spin_is_over_after_a_while(vehicle: Vehicle) -> None:

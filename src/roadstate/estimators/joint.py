@@ -274,7 +274,8 @@ class Joint(Estimator[JointState]):
             pull = info.innovation[speeds], root(jnp.diagonal(info.S)[speeds])
             late = self.watch.lateness(watch, ("accel_x",))[0] > _LAGS
             unknown = (seen.age[YAW_RATE] >= STALE) & (jnp.abs(u.smooth_across) > _TURNS_HARD)
-            moves = along.gaussian.mean[SPEED], u.smooth_across, late | unknown
+            excused = late | unknown | (state.trust.slides > 0)
+            moves = along.gaussian.mean[SPEED], u.smooth_across, excused
             pitch = self.pitch.judge(pitch, *seems, pull, *moves, dt)
         unrest = self.inputs.learn(state, info, u, forces, dt)
         shortfall = self.inputs.falls_short(state.shortfall, info, u, forces, dt)
@@ -285,7 +286,9 @@ class Joint(Estimator[JointState]):
         roll, banking = state.roll, jnp.asarray([0.0, jnp.inf])
         if "roll_rate" in self.channels:
             sine = along.gaussian.mean[SLOPE] / GRAVITY
-            sideslip = jnp.stack([across[V_Y], across_std[V_Y]])
+            # how fast that changes in a spin, no yaw acceleration tells
+            unsure = jnp.where(state.trust.slides > 0, 1.0, across_std[V_Y])
+            sideslip = jnp.stack([across[V_Y], unsure])
             roll, banking = self.roll.read(roll, sample, seen, sine, speed, sideslip, dt)
         contact, touch = self.inputs.contact.touch(
             contact, seen, forces, speed, rolling, gain, GRAVITY * banking, state.trust.slides > 0, since
@@ -293,7 +296,9 @@ class Joint(Estimator[JointState]):
         late = self.watch.lateness(watch, WHEEL_SPEEDS) * gain / jnp.maximum(jnp.abs(speed), 1.0)
         touch = touch._replace(slip_shared=rss(touch.slip_shared, jnp.max(jnp.abs(late))))
         bank, likelihood = once(self.bank.step(state.bank, touch, dt))
-        trust = self.trust.test(state.trust, raw, balance, signal, speed, held.repeats >= REPEATS, dt)
+        trust = self.trust.test(
+            state.trust, raw, balance, signal, speed, across[V_Y], held.repeats >= REPEATS, dt
+        )
         trust, now = once((trust, self.trust.verdict(trust)))
         found = (now.lies & (~verdict.lies)) | (now.swapped != verdict.swapped)
         # the car was taken to go backward as its wheels told

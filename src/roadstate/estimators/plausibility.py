@@ -203,6 +203,7 @@ class Plausibility(eqx.Module):
         forces: AxleForces,
         signal: Float[Array, ""],
         speed: Float[Array, ""],
+        velocity_y: Float[Array, ""],
         frozen: Bool[Array, " 8"],
         dt: Float[Array, ""],
     ) -> PlausibilityState:
@@ -214,6 +215,7 @@ class Plausibility(eqx.Module):
             forces: at this instant.
             signal: m/s, a speed signal's sample, signed; NaN where there is none.
             speed: m/s, the estimate.
+            velocity_y: m/s, likewise.
             frozen: (8,) which signals only repeat themselves.
             dt: s.
         """
@@ -222,7 +224,8 @@ class Plausibility(eqx.Module):
         rate = (held.value - state.smooth[last]) / _SMOOTHING
         effort = jnp.maximum(state.effort * jnp.exp(-dt / _AFTERWARDS), self.redundancy.effort(seen, forces))
         excused = self.redundancy.excused(state.excused, seen, forces, effort, speed, dt)
-        told = self.redundancy.tell(seen, forces, held, rate, effort, excused, state.slides, speed, dt)
+        motion = speed, velocity_y
+        told = self.redundancy.tell(seen, forces, held, rate, effort, excused, state.slides, *motion, dt)
         value, std = once((told.value, told.std))
         there = jnp.isfinite(std)
         since = jnp.where(there, state.since + dt, 0.0)

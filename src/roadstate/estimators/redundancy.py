@@ -43,6 +43,7 @@ _STEER = (0.25, 0.006, 1.5, 0.5)  # share; rad; m/s² that any road holds; share
 # m/s² by which gyroscope and wheels' differences alike exceed what steering and lateral acceleration lead to
 # where the car slides sideways, and s for which it may go on
 _SLIDES = (2.0, 2.0)
+_DRIFTS = 0.1  # rad of slip at the rear axle from which on a car may be steered against its turn
 _WHEEL = (0.15, 0.01)  # m/s; share of the speed
 _HELD = 0.08  # torque over load that any road holds: a wheel under more may spin or lock
 _ROLLS = (2.0, 0.15)  # m/s, and share of the speed, by which a wheel that rolls may differ from it
@@ -109,6 +110,8 @@ class Redundancy(eqx.Module):
     may lie, these two say nothing of the yaw rate for a while, nor wheels of the acceleration: v_y r is not
     small.
 
+    Nor does steering where the rear axle slides already, by what the tires tell: a driver steers against it.
+
     Speed, each wheel R ω cos δ ± r T/2 against the others and a speed signal. A wheel under a torque that
     some road would not hold may spin or lock, which is no fault of its sensor, and then has not to answer for
     it, nor is it a witness against wheels that roll, until it rolls again: on ice less torque holds it in its
@@ -118,6 +121,7 @@ class Redundancy(eqx.Module):
         radius: rolling radius, m.
         track: (2,) m.
         wheelbase: m.
+        rear: from the centre of gravity to the rear axle, m.
         understeer: g⁻¹ (1/C_f − 1/C_r), s²/m.
         slip_stiffness: C_κ/F_z.
         accel_std: 1σ of the longitudinal accelerometer at rest, m/s²: more where the file knows of a bias.
@@ -129,6 +133,7 @@ class Redundancy(eqx.Module):
     radius: Float[Array, ""]
     track: Float[Array, " 2"]
     wheelbase: Float[Array, ""]
+    rear: Float[Array, ""]
     understeer: Float[Array, ""]
     slip_stiffness: Float[Array, ""]
     accel_std: Float[Array, ""]
@@ -141,6 +146,7 @@ class Redundancy(eqx.Module):
         self.radius = leaf(vehicle.wheels.radius)
         self.track = jnp.asarray([geometry.track_front, geometry.track_rear])
         self.wheelbase = leaf(vehicle.wheelbase)
+        self.rear = leaf(geometry.cg_to_rear_axle)
         self.understeer = leaf(
             (1 / tires.cornering_stiffness_front - 1 / tires.cornering_stiffness_rear) / GRAVITY
         )
@@ -195,6 +201,7 @@ class Redundancy(eqx.Module):
         excused: Float[Array, " 4"],
         slides: Float[Array, ""],
         speed: Float[Array, ""],
+        velocity_y: Float[Array, ""],
         dt: Float[Array, ""],
     ) -> Tellings:
         """What each way leads to.
@@ -208,6 +215,7 @@ class Redundancy(eqx.Module):
             excused: (4,) s, of :meth:`excused`.
             slides: of the sample before, 0 at the first.
             speed: the estimate so far, m/s.
+            velocity_y: likewise.
             dt: s.
         """
         smooth, known = seen.smooth, seen.age < STALE
@@ -263,7 +271,8 @@ class Redundancy(eqx.Module):
         apart = jnp.min(jnp.where(jnp.append(True, paired), apart, jnp.inf)) * jnp.abs(safe)
         spins = both & known[YAW_RATE] & jnp.any(paired) & (apart > _SLIDES[0]) & moves
         slides = jnp.where(spins, _SLIDES[1], jnp.maximum(slides - dt, 0.0))
-        held = jnp.stack([known[ACCEL_Y], known[STEER]]) & (slides <= 0)
+        drifts = jnp.abs(velocity_y - self.rear * smooth[YAW_RATE]) > _DRIFTS * jnp.abs(speed)
+        held = jnp.stack([known[ACCEL_Y], known[STEER] & ~drifts]) & (slides <= 0)
         turning_known = [known[YAW_RATE][None], paired, held]
         along_known = [
             known[ACCEL_X] & moves,
