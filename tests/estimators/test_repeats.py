@@ -31,6 +31,16 @@ def held(speed: Array) -> Array:
     return (speed + noise)[np.arange(len(speed)) // 10 * 10]
 
 
+def stuck(speed: Array) -> Array:
+    """Ten samples a second, which stand still for 8 s while the car begins to slow down, by 8 m/s."""
+    noise = np.random.default_rng(6).normal(0, 0.05, len(speed))
+    told = np.where(np.arange(len(speed)) % 10 == 0, speed + noise, np.nan)
+    lies = slice(STUCK, STUCK + 800)
+    told[lies] = np.where(np.isfinite(told[lies]), told[STUCK], np.nan)
+    return told
+
+
+STUCK = 4000
 WAYS: dict[str, Callable[[Array], Array]] = {"rounded": rounded, "cut off": cut_off, "held": held}
 
 
@@ -48,7 +58,8 @@ def logs(drive: Callable[..., Log]) -> dict[str, Log]:
         "pitch_rate": rng.normal(0, 0.003, len(time)) - np.gradient(grade, time),
     }
     log = log.with_channels(noisy).select({*log.channels, *noisy} - {f"wheel_speed_{w}" for w in WHEELS})
-    return {way: log.with_channels({"speed": of(log["ref_velocity_x"])}) for way, of in WAYS.items()}
+    ways = WAYS | {"stuck": stuck}
+    return {way: log.with_channels({"speed": of(log["ref_velocity_x"])}) for way, of in ways.items()}
 
 
 @pytest.fixture(scope="module")
@@ -81,3 +92,15 @@ def test_the_grades_interval(logs: dict[str, Log], estimates: dict[str, Estimate
     error = (said.values["grade"] - logs[way]["ref_grade"])[FROM:]
     assert np.sqrt(np.mean(error**2)) < 0.005
     assert np.mean(np.abs(error) < 1.96 * said.std["grade"][FROM:]) > 0.9
+
+
+def test_a_speed_that_is_stuck(logs: dict[str, Log], estimates: dict[str, Estimates]) -> None:
+    """It repeats itself, too, but the car's speed changes meanwhile."""
+    said = estimates["stuck"]
+    faults = said.metadata["faults"]
+    assert [f["fault"] for f in faults] == ["speed: refused, contradicts the motion"]
+    assert 0 < faults[0]["first_s"] - STUCK / 100 < 1.5
+    error = said.values["speed"] - logs["stuck"]["ref_velocity_x"]
+    lies = slice(STUCK, STUCK + 800)
+    assert np.abs(error[lies]).max() < 0.5
+    assert (np.abs(error) < 3 * said.std["speed"])[lies].all()

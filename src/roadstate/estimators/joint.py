@@ -252,8 +252,9 @@ class Joint(Estimator[JointState]):
         )
         signal = z[self.sensors.index("speed")] if "speed" in self.sensors else jnp.full((), jnp.nan)
         is_signal = np.array([s == "speed" for s in self.sensors])
-        z = jnp.where(verdict.lies[-1] & is_signal, jnp.nan, z)
-        watch = once(self.watch.look(state.watch, sample, dt))
+        watch = once(self.watch.look(state.watch, sample, x[SPEED], dt))
+        stuck = is_signal & self.watch.is_stuck(watch, x[SPEED])
+        z = jnp.where(verdict.lies[-1] & is_signal | stuck, jnp.nan, z)
         lag, since = self.watch.lateness(watch, self.sensors), self.watch.since(watch, self.sensors)
         lasting = jnp.sqrt(_LATE_TIME / jnp.clip(since, _LEAST_STEP, _LATE_TIME))
         alike = root(self.watch.alike(watch, self.sensors))
@@ -322,7 +323,7 @@ class Joint(Estimator[JointState]):
         afresh = (doubt > 0) | ~self.bank.is_sound(bank)
         bank = once(select(afresh, self.bank.init(), bank))
         speed_age = jnp.where(jnp.any(jnp.isfinite(z) & tells), 0.0, state.speed_age + dt)
-        refused = along.rejected > 0
+        refused = (along.rejected > 0) | stuck
         if "attitude" in self.sensors:
             refused = refused.at[self.sensors.index("attitude")].max(self.pitch.is_faulty(pitch))
         faulty = jnp.concatenate([raw.is_faulty, held.sense < 0, refused, self.roll.is_faulty(roll)[None]])

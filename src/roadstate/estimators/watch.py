@@ -20,7 +20,7 @@ _ALARM = 0.5  # s for which a spike is told
 # s that equal samples, which err alike, count for at the most, and after which that they came is forgotten
 _REPEATS, _REFRESHED = 0.5, 0.5
 _LEAST_STEP = 1e-3  # s
-_COARSEST = 0.5  # of a channel's unit: the largest step in which it may come
+_COARSEST = 1.5  # of a channel's unit: the largest step in which it may come
 # by how much no channel changes from sample to sample, to be back at the next, if they are s apart at most
 _SPIKES = {
     "accel_?": (8.0, 0.03),
@@ -36,6 +36,9 @@ _SPIKES = {
     "altitude": (25.0, 0.25),
     "vertical_speed": (3.0, 0.25),
 }
+# m/s by which the car's speed changes by more than a step until a speed that repeats is stuck: one that
+# moves, and one that may well stand, for of slow motion many a signal says 0
+_STUCK, _STANDS = (0.3, 1.0), 1.0
 
 
 class WatchState(NamedTuple):
@@ -50,6 +53,7 @@ class WatchState(NamedTuple):
         repeated: (n,) s for which the latest sample has repeated the one before it.
         repeats: (n,) s, the longest of that of late.
         step: (n,) the least by which two samples in a row differed; infinite before any did.
+        began: (n,) m/s, the car's speed when the latest sample first came.
     """
 
     last: Float[Array, " n"]
@@ -62,6 +66,7 @@ class WatchState(NamedTuple):
     repeated: Float[Array, " n"]
     repeats: Float[Array, " n"]
     step: Float[Array, " n"]
+    began: Float[Array, " n"]
 
     @property
     def is_silent(self) -> Bool[Array, " n"]:
@@ -100,7 +105,7 @@ class Watch(eqx.Module):
         """Nothing has come."""
         none = jnp.zeros(len(self.channels))
         never = none + 1e6
-        return WatchState(none, none, never, never, none, none, none, none, none, none + jnp.inf)
+        return WatchState(none, none, never, never, none, none, none, none, none, none + jnp.inf, none)
 
     @property
     def fault_names(self) -> tuple[str, ...]:
@@ -139,8 +144,19 @@ class Watch(eqx.Module):
     def _places(self, sensors: Sequence[str]) -> Int[Array, " m"]:
         return jnp.asarray([self.channels.index(s) if s in self.channels else 0 for s in sensors])
 
-    def look(self, state: WatchState, sample: Sample, dt: Float[Array, ""]) -> WatchState:
-        """Take a sample ``dt`` (s) after the last."""
+    def is_stuck(self, state: WatchState, speed: Float[Array, ""]) -> Bool[Array, ""]:
+        """Whether the speed signal repeats itself while the car's speed, now ``speed`` (m/s), changes."""
+        if "speed" not in self.channels:
+            return jnp.asarray(False)
+        place = self.channels.index("speed")
+        gained = jnp.abs(speed - state.began[place])
+        most = self.step(state, "speed") + jnp.where(jnp.abs(state.last[place]) > _STANDS, *_STUCK)
+        return (gained > most) & (state.repeated[place] > 0)
+
+    def look(
+        self, state: WatchState, sample: Sample, speed: Float[Array, ""], dt: Float[Array, ""]
+    ) -> WatchState:
+        """Take a sample ``dt`` (s) after the last, when the car's speed was ``speed`` (m/s)."""
         now = jnp.stack([sample[c] for c in self.channels])
         seen = jnp.isfinite(now)
         now = jnp.where(seen, now, state.last)
@@ -168,5 +184,6 @@ class Watch(eqx.Module):
             late=jnp.where(seen & state.is_silent, silence, state.late * jnp.exp(-dt / _FORGETS)),
             repeated=repeated,
             repeats=repeats,
+            began=jnp.where(seen & ~same, jnp.where(came, speed, now), state.began),
             step=jnp.where(steps, jnp.minimum(state.step, change), state.step),
         )
