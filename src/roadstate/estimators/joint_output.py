@@ -17,7 +17,7 @@ from roadstate.estimators.axle_forces import LEAST_FORCE, AxleForces, by_axle, p
 from roadstate.estimators.base import Estimate
 from roadstate.estimators.contact_forces import NOISY
 from roadstate.estimators.friction_bank import VIEWS
-from roadstate.estimators.intake import ACCEL_X, ACCEL_Y, SMOOTHING, SPIN, STALE, YAW_RATE
+from roadstate.estimators.intake import ACCEL_X, ACCEL_Y, SMOOTHING, SPIN, STALE, WHEEL_SPEEDS, YAW_RATE
 from roadstate.estimators.sideways import BANK, BIAS_Y, LEVER, SLOWEST, V_Y
 from roadstate.estimators.signals import STANDSTILL_SPEED
 from roadstate.estimators.wheel_forces import Known
@@ -104,8 +104,7 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
     uneven = _UNEVEN * jnp.min(forces.shaken) / root(jnp.maximum(jnp.abs(mean[SPEED]), 1.0))
     unsure = rss(std[SLOPE] / GRAVITY, sway, uneven)
     tell("grade", grade, unsure / jnp.cos(grade))
-    coarse = joint.watch.step(state.watch, "speed") if "speed" in joint.channels else 0.0
-    tell("speed", mean[SPEED], rss(std[SPEED], joint.speed_scale * mean[SPEED], _CUT * coarse))
+    tell("speed", mean[SPEED], rss(std[SPEED], joint.speed_scale * mean[SPEED], _CUT * _coarse(joint, state)))
     tell("accel_x_bias", mean[BIAS], std[BIAS])
     scale, scale_std = jnp.ones(()), joint.mass_std
     if "mass" in joint.along.states:
@@ -163,6 +162,15 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
         tell(name, middle[i], spread[i])
         values[f"{name}_lower"], values[f"{name}_upper"] = low[i], high[i]
     return Estimate(values, stds, state.validity, faults)
+
+
+def _coarse(joint: Joint, state: JointState) -> Array:
+    """In what steps the speed is told, m/s: by a signal, to which wheels are fitted, or by the wheels."""
+    if "speed" in joint.channels:
+        return joint.watch.step(state.watch, ("speed",))[0]
+    wheels = [i for i, name in enumerate(WHEEL_SPEEDS) if name in joint.channels]
+    steps = joint.watch.step(state.watch, [WHEEL_SPEEDS[i] for i in wheels])
+    return jnp.mean(joint.forces.car.wheel_radius[jnp.asarray(wheels)] * steps)
 
 
 def _along(joint: Joint, state: JointState, scale: Array) -> tuple[Array, Array]:

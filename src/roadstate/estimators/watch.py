@@ -136,9 +136,9 @@ class Watch(eqx.Module):
         alike = 1 + state.repeats[places] / jnp.maximum(state.interval[places], _LEAST_STEP)
         return jnp.where(counts, alike, 1.0)
 
-    def step(self, state: WatchState, channel: str) -> Float[Array, ""]:
-        """In what steps a channel comes, as far as :data:`_COARSEST`; 0 before that is known."""
-        step = state.step[self.channels.index(channel)]
+    def step(self, state: WatchState, channels: Sequence[str]) -> Float[Array, " m"]:
+        """(m,) in what steps channels come, as far as :data:`_COARSEST`; 0 before that is known."""
+        step = state.step[self._places(channels)]
         return jnp.where(jnp.isfinite(step), jnp.minimum(step, _COARSEST), 0.0)
 
     def _places(self, sensors: Sequence[str]) -> Int[Array, " m"]:
@@ -150,7 +150,7 @@ class Watch(eqx.Module):
             return jnp.asarray(False)
         place = self.channels.index("speed")
         gained = jnp.abs(speed - state.began[place])
-        most = self.step(state, "speed") + jnp.where(jnp.abs(state.last[place]) > _STANDS, *_STUCK)
+        most = self.step(state, ("speed",))[0] + jnp.where(jnp.abs(state.last[place]) > _STANDS, *_STUCK)
         return (gained > most) & (state.repeated[place] > 0)
 
     def look(
