@@ -19,6 +19,10 @@ FASTEST = 150.0
 """m/s: no car is so fast."""
 STEEPEST = 4.5
 """m/s² of gravity along it: no road is so steep."""
+WRONG = 1.0
+"""m/s by which a filter must be off to be told so by wheels and a speed signal."""
+_ALIKE = (0.3, 0.03)  # m/s, and share of the speed, by which the two may then differ
+_MAY_SLIP = 0.5  # m/s² from which on all wheels may spin or lock, and a signal that is the wheels' with them
 _LARGEST = 1e9  # no figure of a car is so large in SI units, nor the 1σ of one of which nothing is known yet
 
 
@@ -39,6 +43,38 @@ def is_astray(
     # written so that NaN is astray
     possible = (jnp.abs(speed) < FASTEST) & (jnp.abs(slope) < STEEPEST)
     return ~(possible & is_finite(gaussian))
+
+
+def outvoted(
+    before: Float[Array, ""],
+    signal: Float[Array, ""],
+    rims: Float[Array, " 4"],
+    told: Bool[Array, " 4"],
+    rolls: Float[Array, ""],
+    speed: Float[Array, ""],
+    thrust: Float[Array, ""],
+) -> Float[Array, ""]:
+    """Samples of a speed signal, in a row, that the wheels confirm and the filter contradicts.
+
+    Two that cannot know of each other are hardly wrong by the same, however sure the filter is.
+
+    Args:
+        before: of the sample before.
+        signal: of the speed, m/s; NaN where none came.
+        rims: (4,) of the wheels, m/s.
+        told: (4,) which of them came.
+        rolls: m/s that the wheels tell.
+        speed: m/s that the filter tells.
+        thrust: specific force along, m/s².
+    """
+    apart = jnp.max(jnp.where(told, jnp.abs(rims - rolls), 0.0))
+    # a receiver does not tell forward from backward
+    other = jnp.sign(speed) * jnp.abs(signal)
+    heard = jnp.isfinite(other) & (jnp.sum(told) >= 2)
+    alike = jnp.abs(rolls - other) < _ALIKE[0] + _ALIKE[1] * jnp.abs(other)
+    slips = ((rolls - speed) * thrust > 0) & (jnp.abs(thrust) > _MAY_SLIP)
+    wrong = alike & (apart < WRONG) & (jnp.abs(speed - rolls) > WRONG) & ~slips
+    return jnp.where(heard, jnp.where(wrong, before + 1, 0.0), before)
 
 
 def led_back(astray: Bool[Array, ""], prior: Gaussian, state: FilterState) -> FilterState:

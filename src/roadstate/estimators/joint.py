@@ -18,7 +18,7 @@ from roadstate.core.kernel import once
 from roadstate.estimators.agreement import is_proven, refutes
 from roadstate.estimators.along import BIAS, SCALE, SLOPE, SPEED, AlongModel
 from roadstate.estimators.along_input import AlongIntake
-from roadstate.estimators.astray import is_astray
+from roadstate.estimators.astray import WRONG, is_astray, outvoted
 from roadstate.estimators.axle_forces import AxleForces
 from roadstate.estimators.base import Estimate, Estimator, Need, Sample, Smoothable, known_only, leaf
 from roadstate.estimators.contact_forces import ForceMeter, ForceMeterState
@@ -42,6 +42,7 @@ from roadstate.estimators.joint_output import told, validity_of
 from roadstate.estimators.noise_learning import Unrest
 from roadstate.estimators.pitch import PitchMeter, PitchState
 from roadstate.estimators.plausibility import TORQUE, Plausibility, PlausibilityState
+from roadstate.estimators.radii import Radii, RadiiState
 from roadstate.estimators.redundancy import GROUP, YAW
 from roadstate.estimators.roll import RollMeter, RollState
 from roadstate.estimators.shortfall import Shortfall
@@ -68,16 +69,13 @@ _TURNS_HARD = 2.0  # m/s² across at which v_y r, without a yaw rate, may be a s
 _PATIENCE = 300  # samples for which a spinning or locked wheel may be refused
 _CONFIRMED = 3.0  # samples of a speed signal, in a row, that wheels confirm and the filter contradicts
 _ROLLED = 0.2  # s for which wheels that roll freely contradict it, which count as much as one of these
-_ALIKE = (0.3, 0.03)  # m/s, and share of it, by which both may then differ
-_WRONG = 1.0  # m/s by which the filter must
-_MAY_SLIP = 0.5  # m/s² from which on all wheels may spin or lock, and a signal that is the wheels' with them
 
 
 class JointState(NamedTuple):
     """State of :class:`Joint`.
 
     Attributes:
-        watch, signals, direction, trust, forces, along, contact, bank, pitch, roll, unrest,
+        watch, signals, direction, radii, trust, forces, along, contact, bank, pitch, roll, unrest,
             shortfall: the parts'.
         speed_age: s since anything told the speed.
         against: samples of the speed signal, in a row, that the wheels confirm and the filter contradicts;
@@ -93,6 +91,7 @@ class JointState(NamedTuple):
     watch: WatchState
     signals: SignalState
     direction: DirectionState
+    radii: RadiiState
     trust: PlausibilityState
     forces: ForceMeterState
     along: FilterState
@@ -133,7 +132,8 @@ class Joint(Estimator[JointState]):
     the prior's, and validity says ``low_excitation``); without torques or altitude, a bias from a slope.
 
     Attributes:
-        watch, signals, direction, trust, forces, along, filter, bank, pitch, roll, inputs, sharing: parts.
+        watch, signals, direction, radii, trust, forces, along, filter, bank, pitch, roll, inputs, sharing:
+            parts.
         knows_sides: whether there are a lateral acceleration and a yaw rate.
         speed_scale: 1σ of the speed's scale.
         mass_std: 1σ of the mass, as a share, before anything is learnt.
@@ -159,6 +159,7 @@ class Joint(Estimator[JointState]):
     watch: Watch
     signals: Intake
     direction: Direction
+    radii: Radii
     trust: Plausibility
     forces: ForceMeter
     along: AlongModel
@@ -192,6 +193,7 @@ class Joint(Estimator[JointState]):
             watch=Watch(channels),
             signals=signals,
             direction=Direction(vehicle, signals.channels),
+            radii=Radii(vehicle, available),
             trust=Plausibility(vehicle, available),
             forces=forces,
             along=model,
@@ -213,6 +215,7 @@ class Joint(Estimator[JointState]):
             watch=self.watch.init(),
             signals=self.signals.init(),
             direction=self.direction.init(),
+            radii=self.radii.init(),
             trust=self.trust.init(),
             forces=self.forces.init(),
             along=self.filter.init(self.along),
@@ -239,7 +242,7 @@ class Joint(Estimator[JointState]):
         direction, raw, way = self.direction.turn(
             state.direction, raw, sample, held.gear, state.along.gaussian, verdict.sign(ACCEL_X), dt
         )
-        raw, verdict, way = once((raw, verdict, way))
+        raw, verdict, way = once((self.radii.even(state.radii, raw), verdict, way))
         seen = once(self.trust.mend(state.trust, verdict, raw, x[SPEED]))
         bias = x[BIAS] + x[SCALE] * state.latest.lean.lasting
         error = jnp.stack([bias, jnp.zeros_like(bias)])
@@ -250,6 +253,7 @@ class Joint(Estimator[JointState]):
         contact, u, z = self.inputs.read(
             state, seen, forces, sample, across[V_Y], dt, verdict.sign(ACCEL_X), way
         )
+        radii = self.radii.learn(state.radii, seen, u.slip, u.turning, dt)
         signal = z[self.sensors.index("speed")] if "speed" in self.sensors else jnp.full((), jnp.nan)
         is_signal = np.array([s == "speed" for s in self.sensors])
         watch = once(self.watch.look(state.watch, sample, x[SPEED], dt))
@@ -275,7 +279,7 @@ class Joint(Estimator[JointState]):
             pull = info.innovation[speeds], root(jnp.diagonal(info.S)[speeds])
             late = self.watch.lateness(watch, ("accel_x",))[0] > _LAGS
             unknown = (seen.age[YAW_RATE] >= STALE) & (jnp.abs(u.smooth_across) > _TURNS_HARD)
-            excused = late | unknown | (state.trust.slides > 0)
+            excused = late | unknown | (state.trust.slides > 0) | ~self.radii.is_known(radii)
             moves = along.gaussian.mean[SPEED], u.smooth_across, excused
             pitch = self.pitch.judge(pitch, *seems, pull, *moves, dt)
         unrest = self.inputs.learn(state, info, u, forces, dt)
@@ -308,8 +312,11 @@ class Joint(Estimator[JointState]):
         trust = once(select(turned, self.trust.init(), trust))
         caught = jnp.any(found) | turned
         rolls = jnp.where(jnp.any(seen.is_fresh[SPIN]), contact.rolling, speed)
-        against = self._against(state.against, sample, seen, rolls, speed, forces.accel[0])
-        contradicted = jnp.where(jnp.abs(rolls - speed) > _WRONG, state.against + dt / _ROLLED, 0.0)
+        against = state.against
+        if "speed" in self.channels and any(self.signals.has[SPIN]):
+            rims = self.forces.car.wheel_radius * seen.value[SPIN], seen.is_fresh[SPIN]
+            against = outvoted(against, sample["speed"], *rims, rolls, speed, forces.accel[0])
+        contradicted = jnp.where(jnp.abs(rolls - speed) > WRONG, state.against + dt / _ROLLED, 0.0)
         against = jnp.where(contact.rolls, contradicted, against)
         astray = is_astray(along.gaussian, speed, along.gaussian.mean[SLOPE])
         spread, bears = along.gaussian.std[SPEED], jnp.mean(forces.over_load)
@@ -319,6 +326,7 @@ class Joint(Estimator[JointState]):
         spoilt = jnp.any(found & (GROUP != YAW)) | self._freezes(state, held, raw) | lost
         begin = jnp.where(lost, rolls, speed)
         along = along._replace(gaussian=self.along.doubt(along.gaussian, spoilt, begin))
+        caught = caught | self.radii.has_moved(radii)
         doubt = jnp.where(jnp.any(verdict.lies) | caught, _AFRESH, state.doubt - dt)
         afresh = (doubt > 0) | ~self.bank.is_sound(bank)
         bank = once(select(afresh, self.bank.init(), bank))
@@ -330,7 +338,7 @@ class Joint(Estimator[JointState]):
         fault_age = jnp.where(faulty, state.fault_age + dt, 0.0)
         friction = once(self._friction(bank))
         new = JointState(
-            watch, held, direction, trust, meter, along, contact, bank, pitch, roll, unrest, shortfall,
+            watch, held, direction, radii, trust, meter, along, contact, bank, pitch, roll, unrest, shortfall,
             speed_age, jnp.where(lost, 0.0, against), doubt, fault_age, forces, friction, state.validity,
         )  # fmt: skip
         validity = validity_of(self, new, self._faults(new), info.ok)
@@ -356,23 +364,6 @@ class Joint(Estimator[JointState]):
         other = sample["speed"] if "speed" in self.channels else jnp.zeros(())
         other = jnp.where(jnp.isfinite(other), other, 0.0)
         return jnp.where(jnp.any(seen.is_fresh[SPIN]), rolls, other)
-
-    def _against(
-        self, before: Array, sample: Sample, seen: Signals, rolls: Array, speed: Array, thrust: Array
-    ) -> Float[Array, ""]:
-        """Samples in a row of a speed signal that the wheels confirm and the filter contradicts: two that
-        cannot know of each other are hardly wrong by the same, however sure the filter is."""
-        if "speed" not in self.channels or not any(self.signals.has[SPIN]):
-            return before
-        told, rims = seen.is_fresh[SPIN], self.forces.car.wheel_radius * seen.value[SPIN]
-        apart = jnp.max(jnp.where(told, jnp.abs(rims - rolls), 0.0))
-        # a receiver does not tell forward from backward
-        other = jnp.sign(speed) * jnp.abs(sample["speed"])
-        heard = jnp.isfinite(other) & (jnp.sum(told) >= 2)
-        alike = jnp.abs(rolls - other) < _ALIKE[0] + _ALIKE[1] * jnp.abs(other)
-        slips = ((rolls - speed) * thrust > 0) & (jnp.abs(thrust) > _MAY_SLIP)
-        wrong = alike & (apart < _WRONG) & (jnp.abs(speed - rolls) > _WRONG) & ~slips
-        return jnp.where(heard, jnp.where(wrong, before + 1, 0.0), before)
 
     def _friction(self, bank: BankState) -> Float[Array, "3 5"]:
         low, high = self.bank.quantiles(bank, _BOUNDS)

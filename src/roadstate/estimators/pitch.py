@@ -162,7 +162,8 @@ class PitchMeter(eqx.Module):
             speeds: (k,) innovations of whatever tells the speed, NaN where missing, and their 1σ, m/s.
             speed: m/s.
             across: lateral specific force, m/s².
-            is_excused: whether the accelerometer may lag, or v_y r, which nobody knows, pass for a slope.
+            is_excused: whether the accelerometer may lag, v_y r, which nobody knows, pass for a slope, or
+                wheels' radii for speeds.
             dt: s.
         """
         # one sample alone, of whatever size, is no contradiction that lasts
@@ -184,7 +185,7 @@ class PitchMeter(eqx.Module):
         begins = state.heard < _ODD_TIME
         odd = odd & ~is_excused & ~begins
         distrust = jnp.where(odd, _DISTRUST, jnp.maximum(state.distrust - dt, 0.0))
-        begin = jnp.where(odd | begins, 0.0, 1.0)
+        begin = jnp.where(odd | begins | is_excused, 0.0, 1.0)
         return state._replace(apart=begin * apart, pull=begin * told, distrust=distrust)
 
 

@@ -1,0 +1,150 @@
+"""How the rolling radii of a car's wheels differ from one another: tires wear, one is new, one is a spare."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import TYPE_CHECKING, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from roadstate.core.constants import GRAVITY
+from roadstate.estimators.axle_forces import steered_cosines
+from roadstate.estimators.base import leaf
+from roadstate.estimators.intake import ACCEL_Y, SPIN, STALE, STEER, WHEEL_SPEEDS, Signals
+from roadstate.estimators.redundancy import inner_mean
+from roadstate.linalg import rss
+
+if TYPE_CHECKING:
+    from roadstate.vehicles import Vehicle
+
+_PRIOR = 0.01  # 1σ of how far a wheel's radius is off the others', as a share
+_FORGETS = 300.0  # s after which what was found counts no more: tires warm up, and lose air
+_LASTS = 1.0  # s: how long the errors below last
+_LEVEL = 0.001  # 1σ of what a wheel that rolls freely straight ahead differs by, as a share
+_OF_SLIP = 0.5  # 1σ of the slip that its force makes, as a share of it
+_OF_BEND = 0.03  # 1σ, over (a_y/g)²: slip angles and loads change the radius
+_OF_TURN = 0.004  # m/s: 1σ of what the yaw rate's error does to a wheel's speed
+_OF_STEER = 0.2  # 1σ, over the square of the steering angle
+_ROLLS = 0.01  # slip that a wheel's force makes, of wheels that roll nearly freely
+_STRAIGHT = 2.5  # m/s² across
+_SLOWEST = 4.0  # m/s
+_STEADY = 4.0  # m/s² by which no wheel gains more than the middle ones
+_LARGEST = 0.12  # a share by which no wheel that is mounted differs
+_SETTLES = 0.1  # s for which all that must have been so
+_KNOWN = 0.004  # 1σ with which differences pass for known
+_MOVED = 0.004  # a share by which what was found changes until what follows from it is found anew
+
+
+class RadiiState(NamedTuple):
+    """State of :class:`Radii`.
+
+    Attributes:
+        faster: (4,) by what share each wheel turns faster than the others do at the same speed.
+        known: (4,) what is known of that, 1/σ².
+        settled: s for which wheels have rolled freely.
+        moved: (4,) by how much ``faster`` has changed since that was last told.
+    """
+
+    faster: Float[Array, " 4"]
+    known: Float[Array, " 4"]
+    settled: Float[Array, ""]
+    moved: Float[Array, " 4"]
+
+
+class Radii(eqx.Module):
+    """Learns from wheels that roll freely by what share each turns faster than the middle ones.
+
+    That is (1 + ρ_m)/(1 + ρ_i) − 1 of radii R (1 + ρ_i): their common level is another matter, which only a
+    speed that is not the wheels' tells. Two hundredths between axles are usual (a set of new tires, 4 mm of
+    tread), and would pass for slip, as on ice, for a yaw rate, and for a speed that jumps as now one wheel
+    is trusted, now another.
+
+    Attributes:
+        has: (4,) wheels that can be told from others.
+        radius: of the vehicle file, m.
+        half_track: (4,) of the wheels to the left, m.
+    """
+
+    has: Bool[Array, " 4"]
+    radius: Float[Array, ""]
+    half_track: Float[Array, " 4"]
+
+    def __init__(self, vehicle: Vehicle, available: Collection[str]) -> None:
+        has = np.array([name in available for name in WHEEL_SPEEDS])
+        self.has = jnp.asarray(has & (has.sum() > 1))
+        front, rear = vehicle.geometry.track_front / 2, vehicle.geometry.track_rear / 2
+        self.radius = leaf(vehicle.wheels.radius)
+        self.half_track = jnp.asarray(np.array([front, -front, rear, -rear]))
+
+    def init(self) -> RadiiState:
+        """All alike, as far as anybody knows."""
+        four = jnp.zeros(4)
+        return RadiiState(four, four + _PRIOR**-2, jnp.zeros(()), four)
+
+    def is_known(self, state: RadiiState) -> Bool[Array, ""]:
+        """Whether differences of the wheels that are there are known well."""
+        return jnp.min(jnp.where(self.has, state.known, jnp.inf)) > _KNOWN**-2
+
+    def has_moved(self, state: RadiiState) -> Bool[Array, ""]:
+        """Whether what was found has changed so much that what followed from it is wrong."""
+        return jnp.max(jnp.abs(state.moved)) > _MOVED
+
+    def even(self, state: RadiiState, seen: Signals) -> Signals:
+        """Signals with wheels that turn as if all radii were alike."""
+        share = jnp.ones(8).at[SPIN].set(1 / (1 + state.faster))
+        return seen._replace(
+            value=share * seen.value,
+            smooth=share * seen.smooth,
+            rate=share * seen.rate,
+            now=share * seen.now,
+            now_rate=share * seen.now_rate,
+        )
+
+    def learn(
+        self,
+        state: RadiiState,
+        seen: Signals,
+        slip: Float[Array, " 4"],
+        turning: Float[Array, ""],
+        dt: Float[Array, ""],
+    ) -> RadiiState:
+        """Take what a sample, ``dt`` after the last, tells.
+
+        Args:
+            state: from :meth:`init` or the last call.
+            seen: of :meth:`even`.
+            slip: (4,) what the forces along make wheels slip.
+            turning: yaw rate, rad/s.
+            dt: s.
+        """
+        told = seen.age[SPIN] < STALE
+        angle = jnp.where(seen.age[STEER] < STALE, jnp.clip(seen.smooth[STEER], -0.9, 0.9), 0.0)
+        turn = steered_cosines(jnp.cos(angle))
+        spin = self.radius * seen.smooth[SPIN]
+        rim = spin / (1 + slip * jnp.sign(spin)) * turn + self.half_track * turning
+        middle, _, count = inner_mean(rim, told)
+        moves = jnp.abs(middle) > _SLOWEST
+        apart = rim / jnp.where(moves, middle, 1.0) - 1
+        gains = self.radius * seen.rate[SPIN]
+        gains = gains - inner_mean(gains, told)[0]
+        across = jnp.where(seen.age[ACCEL_Y] < STALE, seen.smooth[ACCEL_Y], middle * turning)
+        rolls = (jnp.abs(slip) < _ROLLS) & (jnp.abs(gains) < _STEADY) & (jnp.abs(apart) < _LARGEST)
+        rolls = jnp.all(rolls | ~told) & moves & (count > 1.5) & (jnp.abs(across) < _STRAIGHT)
+        settled = jnp.where(rolls, state.settled + dt, 0.0)
+        error = rss(
+            _LEVEL,
+            _OF_SLIP * slip,
+            _OF_BEND * (across / GRAVITY) ** 2,
+            _OF_TURN / jnp.maximum(jnp.abs(middle), _SLOWEST),
+            _OF_STEER * angle**2,
+        )
+        learns = told & (settled > _SETTLES)
+        more = jnp.where(learns, dt / (_LASTS * error**2), 0.0)
+        kept = jnp.where(learns, state.known * jnp.exp(-dt / _FORGETS), state.known)
+        known = jnp.maximum(kept, _PRIOR**-2) + more
+        change = more / known * jnp.where(learns, apart, 0.0)
+        moved = jnp.where(self.has_moved(state), 0.0, state.moved) + change
+        return RadiiState(state.faster + change, known, settled, moved)
