@@ -310,7 +310,8 @@ class Joint(Estimator[JointState]):
         turned = jnp.any((held.sense < 0) & (state.signals.sense == 0))
         turned = (turned | direction.is_refuted(state.direction)) & (rolls * speed < 0)
         trust = once(select(turned, self.trust.init(), trust))
-        caught = jnp.any(found) | turned
+        moved = self.radii.has_moved(radii)
+        caught = jnp.any(found) | turned | moved
         rolls = jnp.where(jnp.any(seen.is_fresh[SPIN]), contact.rolling, speed)
         against = state.against
         if "speed" in self.channels and any(self.signals.has[SPIN]):
@@ -323,10 +324,9 @@ class Joint(Estimator[JointState]):
         refuted = ~is_proven(contact.proof) & refutes(rolls, bears, speed, spread)
         lost = (against >= _CONFIRMED) | turned | astray | refuted
         # what was learnt from a sensor that lies may be wrong
-        spoilt = jnp.any(found & (GROUP != YAW)) | self._freezes(state, held, raw) | lost
+        spoilt = jnp.any(found & (GROUP != YAW)) | self._freezes(state, held, raw) | lost | moved
         begin = jnp.where(lost, rolls, speed)
         along = along._replace(gaussian=self.along.doubt(along.gaussian, spoilt, begin))
-        caught = caught | self.radii.has_moved(radii)
         doubt = jnp.where(jnp.any(verdict.lies) | caught, _AFRESH, state.doubt - dt)
         afresh = (doubt > 0) | ~self.bank.is_sound(bank)
         bank = once(select(afresh, self.bank.init(), bank))

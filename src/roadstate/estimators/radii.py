@@ -35,7 +35,7 @@ _STEADY = 4.0  # m/s² by which no wheel gains more than the middle ones
 _LARGEST = 0.12  # a share by which no wheel that is mounted differs
 _SETTLES = 0.1  # s for which all that must have been so
 _KNOWN = 0.004  # 1σ with which differences pass for known
-_MOVED = 0.004  # a share by which what was found changes until what follows from it is found anew
+_MOVED, _SWIFT = 0.004, 2.0  # a share by which it changes within so many s when what follows is found anew
 
 
 class RadiiState(NamedTuple):
@@ -45,7 +45,7 @@ class RadiiState(NamedTuple):
         faster: (4,) by what share each wheel turns faster than the others do at the same speed.
         known: (4,) what is known of that, 1/σ².
         settled: s for which wheels have rolled freely.
-        moved: (4,) by how much ``faster`` has changed since that was last told.
+        moved: (4,) by how much ``faster`` has changed of late, since that was last told.
     """
 
     faster: Float[Array, " 4"]
@@ -146,5 +146,5 @@ class Radii(eqx.Module):
         kept = jnp.where(learns, state.known * jnp.exp(-dt / _FORGETS), state.known)
         known = jnp.maximum(kept, _PRIOR**-2) + more
         change = more / known * jnp.where(learns, apart, 0.0)
-        moved = jnp.where(self.has_moved(state), 0.0, state.moved) + change
+        moved = jnp.where(self.has_moved(state), 0.0, state.moved * jnp.exp(-dt / _SWIFT)) + change
         return RadiiState(state.faster + change, known, settled, moved)
