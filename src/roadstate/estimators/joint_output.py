@@ -44,6 +44,7 @@ _SHAKEN = (0.7, 1.8)
 # (ISO 8608), times the root of the speed, over what it shakes the accelerometers by both ways
 _UNEVEN = 0.084
 _CUT = 0.35  # of a speed's step: root mean square of its error's mean, be it rounded (none) or cut off (half)
+_LIGHTEST = 0.3  # of what would move a car of the file's mass: no load takes away more
 _DRIFTS = 0.02  # 1σ of v̇_y over g
 
 
@@ -109,7 +110,9 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
     scale, scale_std = jnp.ones(()), joint.mass_std
     if "mass" in joint.along.states:
         place = joint.along.place("mass")
-        scale, scale_std = 1 + mean[place], std[place]
+        # torques explain 1 − δ of what they would move a car of the file's mass by
+        scale = 1 / jnp.maximum(1 - mean[place], _LIGHTEST)
+        scale_std = scale**2 * std[place]
         tell("mass", joint.forces.car.mass * scale, joint.forces.car.mass * scale_std)
     if "altitude" in joint.along.states:
         tell("altitude", mean[-2], std[-2])
