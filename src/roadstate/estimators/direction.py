@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 _STANDS = (0.3, 1.5)  # m/s: of wheels, and of the filter beside them, below which a car may set off anew
 _DEAD_BAND = 0.3  # m/s: 1σ of the speed with which wheels begin to tell
+_CREEPS = 1.5  # s: a car moves as long before its wheels tell
+_SETTLED = 0.15  # m/s²: 1σ of what it reads at rest, below which that is known
 _UNSEEN = 2.0  # m/s²: 1σ of an acceleration that nothing tells
 _UNEVEN = 0.1  # m/s²: 1σ of what the slope is another by within the first metres
 # evidence (natural logarithm of the odds): that a car sets off forward before anything is known; beyond
@@ -35,7 +37,7 @@ class DirectionState(NamedTuple):
     """State of a :class:`Direction`.
 
     Attributes:
-        velocity: since the wheels last stood, by the accelerometer, m/s.
+        velocity: since the wheels last stood, and shortly before, by the accelerometer, m/s.
         variance: of that.
         since: s since then.
         rest, rest_std: what the accelerometer reads on this slope in a car at rest, and 1σ, m/s².
@@ -118,12 +120,16 @@ class Direction(eqx.Module):
         speed = jnp.sum(rims) / jnp.maximum(jnp.sum(told), 1)
         stands = jnp.any(told) & (speed < _STANDS[0]) & (jnp.abs(along.mean[SPEED]) < _STANDS[1])
         row = np.isin(np.arange(len(along.mean)), (SLOPE, BIAS)).astype(float)
-        rest = jnp.where(stands, row @ along.mean, state.rest)
         rest_std = jnp.where(stands, root(jnp.sum((row @ along.factor) ** 2) + _UNEVEN**2), state.rest_std)
+        # of a car that creeps while its wheels still read 0 the filter believes that it stands on a slope
+        settled = rest_std < _SETTLED
+        slowly = jnp.where(settled, -jnp.expm1(-dt / _CREEPS), 1.0)
+        rest = jnp.where(stands, state.rest + slowly * (row @ along.mean - state.rest), state.rest)
         felt = raw.age[ACCEL_X] < STALE
         gain = jnp.where(felt, sign * raw.value[ACCEL_X] - rest, 0.0)
         since = jnp.where(stands, 0.0, state.since + dt)
-        velocity = jnp.where(stands, along.mean[SPEED], state.velocity + gain * dt)
+        velocity = (state.velocity + gain * dt) * jnp.where(stands, jnp.exp(-dt / _CREEPS), 1.0)
+        velocity = jnp.where(stands & ~settled, along.mean[SPEED], velocity)
         unseen = jnp.where(felt, 0.0, _UNSEEN**2 * dt)
         variance = jnp.where(stands, _DEAD_BAND**2, state.variance + unseen)
         total = variance + (rest_std * since) ** 2

@@ -43,6 +43,7 @@ _TOOTH = (0.04, 0.12)  # m from tooth to tooth, one of which a speed is late bes
 _LATE_ERROR = 0.5  # 1σ of that lateness, as a share of it
 _YIELDS = 0.025  # s: lag of the force behind the angle that suspension and steering add to the tire's
 _LAG_ERROR = 0.015  # s: 1σ of that lag
+_SLIDES = 0.5  # m/s² by which a car on locked wheels slows down at the least
 _VAGUE = 1.0  # m/s: 1σ of a speed that tells nothing of which wheel slips
 _BOUND = 0.07  # of what a wheel bounds the speed by: 1σ of what it slips itself
 # 1σ of forces along and across, low-passed, over g and load, as a share of the lesser of what a rough road
@@ -57,6 +58,7 @@ class ContactState(NamedTuple):
         angle, across: (2,) the axles' slip angles but for v_y, and their F_y/F_z, both slowed.
         along, slip: (4,) F_x/F_z and slip of the wheels, slowed.
         racing: (4,) m/s² by which wheels outran the car lately.
+        locked: s for which no wheel has turned.
         together: s for which all wheels have agreed on a speed and its change, or on standing still.
         rolling: m/s that wheels tell which nothing drives or brakes, or else the one that slips least.
         rolls: whether it is the former, and they agree.
@@ -68,6 +70,7 @@ class ContactState(NamedTuple):
     along: Float[Array, " 4"]
     slip: Float[Array, " 4"]
     racing: Float[Array, " 4"]
+    locked: Float[Array, ""]
     together: Float[Array, ""]
     rolling: Float[Array, ""]
     rolls: Bool[Array, ""]
@@ -109,7 +112,7 @@ class TireContact(eqx.Module):
         """Straight ahead and rolling."""
         two, four = jnp.zeros(2), jnp.zeros(4)
         zero = jnp.zeros(())
-        return ContactState(two, two, four, four, four, zero, zero, jnp.zeros((), bool), zero)
+        return ContactState(two, two, four, four, four, zero, zero, zero, jnp.zeros((), bool), zero)
 
     def slips(self, along: Array, load: Array) -> Float[Array, " 4"]:
         """(4,) what forces F_x (4,) under loads (4,), N, make wheels slip as long as that is linear."""
@@ -189,9 +192,11 @@ class TireContact(eqx.Module):
         agree = fastest - slowest < TOGETHER[0] * jnp.abs(speed) + TOGETHER[1]
         agree = agree & (jnp.max(jnp.where(told, outruns, 0.0)) == 0.0) & several
         agree = agree & (jnp.minimum(jnp.abs(slowest), jnp.abs(fastest)) > DEAD_BAND)
-        # wheels that are locked slow the car down: one that gains speed while none turns stands still
+        # wheels that are locked slow the car down: one that gains speed while none turns stands still, and so
+        # does one that would have come to a stop since
         rests = jnp.maximum(jnp.abs(slowest), jnp.abs(fastest)) < DEAD_BAND
-        agree = agree | (rests & several & (speed * accel > 0))
+        locked = jnp.where(rests, state.locked + dt, 0.0)
+        agree = agree | (rests & several & ((speed * accel > 0) | (_SLIDES * locked > jnp.abs(speed))))
         together = jnp.where(agree, state.together + dt, 0.0)
         away = jnp.where(together > _BELIEVES, 0.0, away)
         free, rolling_speed, sound = self._free(rim, told & (racing < _CALM), forces)
@@ -214,6 +219,7 @@ class TireContact(eqx.Module):
         return (
             state._replace(
                 racing=racing,
+                locked=locked,
                 together=together,
                 rolling=jnp.where(sound, rolling_speed, least),
                 rolls=sound,
