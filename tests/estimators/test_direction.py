@@ -68,13 +68,13 @@ def test_dead_band(joint: Joint, drive: Drive) -> None:
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_creeps_out_of_a_parking_space(joint: Joint, drive: Drive, seed: int) -> None:
-    """At .16 m/s² to .8 m/s, while wheels tell nothing below .3 m/s."""
-    speed = np.interp(TIME, [3, 8, 12, 13, 21, 31], [0, -0.8, -0.7, 0, 0, 15])
+    """At .3 m/s² to .8 m/s, while wheels tell nothing below .3 m/s."""
+    speed = np.interp(TIME, [3, 5.5, 9, 10, 21, 31], [0, -0.8, -0.7, 0, 0, 15])
     said = along(joint, drive, speed, np.zeros(len(TIME)), seed, dead_band=1.0)
     error = np.abs(said.values["speed"] - speed)
     assert np.max(error) < 0.4
-    assert np.max(error[(TIME > 9) & (TIME < 12)]) < 0.1
-    assert np.max(error[TIME > 15]) < 0.2
+    assert np.max(error[(TIME > 6) & (TIME < 9)]) < 0.1
+    assert np.max(error[TIME > 11]) < 0.1
 
 
 def test_turns_on_the_spot(joint: Joint, drive: Drive) -> None:

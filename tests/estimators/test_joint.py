@@ -8,10 +8,12 @@ import pytest
 
 from roadstate.core import REFERENCES, WHEELS, Estimates, Log, Validity
 from roadstate.core.constants import GRAVITY
+from roadstate.core.gaussian import Gaussian
 from roadstate.core.quantities import reference
 from roadstate.estimators import build
 from roadstate.estimators.contact_forces import ForceMeter
 from roadstate.estimators.intake import SMOOTHING, SPIN, Signals
+from roadstate.estimators.joint import Joint
 from roadstate.estimators.signals import NEVER
 from roadstate.estimators.tire_contact import ContactState, TireContact
 from roadstate.papers.base import MISMATCHED
@@ -229,3 +231,17 @@ class TestRims:
         for _ in range(200):
             state, std = self.rims(vehicle, [0.0] * 4, [0.0] * 4, state)
         assert (std > 10).all()
+
+
+def test_a_mass_is_read_out_as_the_model_has_it(vehicle: Vehicle) -> None:
+    """Torques explain 1 − δ of what they would move a car of the file's mass by: m = m₀/(1 − δ)."""
+    torques = [f"{kind}_torque_{w}" for kind in ("drive", "brake") for w in WHEELS]
+    joint = build("joint", vehicle, ["accel_x", *(f"wheel_speed_{w}" for w in WHEELS), *torques])
+    assert isinstance(joint, Joint)
+    state, place = joint.init(), joint.along.place("mass")
+    usual = joint.estimate(state)
+    before = state.along.gaussian
+    along = state.along._replace(gaussian=Gaussian(before.mean.at[place].set(0.2), before.factor))
+    heavy = joint.estimate(state._replace(along=along))
+    assert float(heavy.values["mass"]) == pytest.approx(vehicle.mass / 0.8)
+    assert float(heavy.std["mass"]) == pytest.approx(float(usual.std["mass"]) / 0.8**2)
