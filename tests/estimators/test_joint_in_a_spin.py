@@ -127,7 +127,7 @@ def test_a_driver_who_steers_against_a_slide(vehicle: Vehicle) -> None:
     against = {"turns": 0.28, "pairs": 0.3, "aside": 0.2, "steered": -0.2}
     grips = tellings(vehicle, **against, velocity_y=-0.5)
     assert speaks(grips, "steer")
-    slides = tellings(vehicle, **against, velocity_y=-2.0)
+    slides = tellings(vehicle, **against, velocity_y=-2.5)
     assert not speaks(slides, "steer")
     assert all(speaks(slides, name) for name in ("yaw_rate", "accel_y", "front_pair", "rear_pair"))
 

@@ -59,6 +59,7 @@ if TYPE_CHECKING:
     from roadstate.vehicles import Vehicle
 
 _FAULTY = 0.3  # s of a refused or stuck sensor after which it is called faulty
+_PAUSE = 0.2  # s: what a gap of the whole log counts for of these
 _BOUNDS = (0.05, 0.95)
 _TURNS = ("pitch_rate", "roll_rate")
 _LEAST_STEP = 1e-3  # s
@@ -253,7 +254,9 @@ class Joint(Estimator[JointState]):
         contact, u, z = self.inputs.read(
             state, seen, forces, sample, across[V_Y], dt, verdict.sign(ACCEL_X), way
         )
-        radii = self.radii.learn(state.radii, seen, u.slip, u.turning, dt)
+        steps = self.watch.step(state.watch, WHEEL_SPEEDS)
+        pushed = jnp.where(forces.may_brake, forces.accel[0], 0.0)
+        radii = self.radii.learn(state.radii, seen, u.slip, pushed, u.turning, steps, dt)
         signal = z[self.sensors.index("speed")] if "speed" in self.sensors else jnp.full((), jnp.nan)
         is_signal = np.array([s == "speed" for s in self.sensors])
         watch = once(self.watch.look(state.watch, sample, x[SPEED], dt))
@@ -335,7 +338,7 @@ class Joint(Estimator[JointState]):
         if "attitude" in self.sensors:
             refused = refused.at[self.sensors.index("attitude")].max(self.pitch.is_faulty(pitch))
         faulty = jnp.concatenate([raw.is_faulty, held.sense < 0, refused, self.roll.is_faulty(roll)[None]])
-        fault_age = jnp.where(faulty, state.fault_age + dt, 0.0)
+        fault_age = jnp.where(faulty, state.fault_age + jnp.minimum(dt, _PAUSE), 0.0)
         friction = once(self._friction(bank))
         new = JointState(
             watch, held, direction, radii, trust, meter, along, contact, bank, pitch, roll, unrest, shortfall,

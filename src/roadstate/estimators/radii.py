@@ -28,12 +28,17 @@ _OF_SLIP = 0.5  # 1σ of the slip that its force makes, as a share of it
 _OF_BEND = 0.03  # 1σ, over (a_y/g)²: slip angles and loads change the radius
 _OF_TURN = 0.004  # m/s: 1σ of what the yaw rate's error does to a wheel's speed
 _OF_STEER = 0.2  # 1σ, over the square of the steering angle
-_ROLLS = 0.01  # slip that a wheel's force makes, of wheels that roll nearly freely
+_ROLLS = 0.004  # slip that a wheel's force makes, of wheels that roll nearly freely
+_COASTS = 0.5  # m/s² along that a car has which nothing brakes or drives
 _STRAIGHT = 2.5  # m/s² across
 _SLOWEST = 4.0  # m/s
 _STEADY = 4.0  # m/s² by which no wheel gains more than the middle ones
 _LARGEST = 0.12  # a share by which no wheel that is mounted differs
-_SETTLES = 0.1  # s for which all that must have been so
+_LARGE = 0.03  # a share by which wheels differ seldom
+_SETTLES = (0.1, 1.0)  # s for which all that must have been so: usually, and where they differ by more
+_OF_STEP = 0.3  # 1σ of a speed that comes in steps, over a step
+_STRAYS = (0.004, 4.0)  # a share, and σ, by which a wheel may differ from what is known of it
+_ANEW = 3.0  # s for which one must, to be learned anew
 _KNOWN = 0.004  # 1σ with which differences pass for known
 _MOVED, _SWIFT = 0.004, 2.0  # a share by which it changes within so many s when what follows is found anew
 
@@ -45,12 +50,14 @@ class RadiiState(NamedTuple):
         faster: (4,) by what share each wheel turns faster than the others do at the same speed.
         known: (4,) what is known of that, 1/σ².
         settled: s for which wheels have rolled freely.
+        stray: s for which one has contradicted what is known of it while they did.
         moved: (4,) by how much ``faster`` has changed of late, since that was last told.
     """
 
     faster: Float[Array, " 4"]
     known: Float[Array, " 4"]
     settled: Float[Array, ""]
+    stray: Float[Array, ""]
     moved: Float[Array, " 4"]
 
 
@@ -82,7 +89,7 @@ class Radii(eqx.Module):
     def init(self) -> RadiiState:
         """All alike, as far as anybody knows."""
         four = jnp.zeros(4)
-        return RadiiState(four, four + _PRIOR**-2, jnp.zeros(()), four)
+        return RadiiState(four, four + _PRIOR**-2, jnp.zeros(()), jnp.zeros(()), four)
 
     def is_known(self, state: RadiiState) -> Bool[Array, ""]:
         """Whether differences of the wheels that are there are known well."""
@@ -108,7 +115,9 @@ class Radii(eqx.Module):
         state: RadiiState,
         seen: Signals,
         slip: Float[Array, " 4"],
+        felt: Float[Array, ""],
         turning: Float[Array, ""],
+        steps: Float[Array, " 4"],
         dt: Float[Array, ""],
     ) -> RadiiState:
         """Take what a sample, ``dt`` after the last, tells.
@@ -117,7 +126,10 @@ class Radii(eqx.Module):
             state: from :meth:`init` or the last call.
             seen: of :meth:`even`.
             slip: (4,) what the forces along make wheels slip.
+            felt: specific force along, m/s², where brakes may act of which nobody knows what each wheel gets;
+                0 elsewhere.
             turning: yaw rate, rad/s.
+            steps: (4,) in which the wheels' speeds come, rad/s.
             dt: s.
         """
         told = seen.age[SPIN] < STALE
@@ -131,20 +143,30 @@ class Radii(eqx.Module):
         gains = self.radius * seen.rate[SPIN]
         gains = gains - inner_mean(gains, told)[0]
         across = jnp.where(seen.age[ACCEL_Y] < STALE, seen.smooth[ACCEL_Y], middle * turning)
+        # a yaw rate that lies makes wheels differ, too
+        bends = jnp.abs(across) + jnp.abs(across - middle * turning)
         rolls = (jnp.abs(slip) < _ROLLS) & (jnp.abs(gains) < _STEADY) & (jnp.abs(apart) < _LARGEST)
-        rolls = jnp.all(rolls | ~told) & moves & (count > 1.5) & (jnp.abs(across) < _STRAIGHT)
-        settled = jnp.where(rolls, state.settled + dt, 0.0)
+        rolls = jnp.all(rolls | ~told) & moves & (count > 1.5) & (bends < _STRAIGHT)
+        settled = jnp.where(rolls & (jnp.abs(felt) < _COASTS), state.settled + dt, 0.0)
+        # radii do not jump: a wheel that leaves what is known of it slips, unless it goes on rolling so
+        sure = state.known > _KNOWN**-2
+        strays = told & sure & (jnp.abs(apart) > _STRAYS[0] + _STRAYS[1] / jnp.sqrt(state.known))
+        stray = jnp.where(rolls & jnp.any(strays), state.stray + dt, 0.0)
+        forgets = stray > _ANEW
+        most = jnp.max(jnp.where(told, jnp.abs(apart), 0.0))
+        settles = jnp.where(most > _LARGE, _SETTLES[1], _SETTLES[0])
         error = rss(
             _LEVEL,
             _OF_SLIP * slip,
             _OF_BEND * (across / GRAVITY) ** 2,
             _OF_TURN / jnp.maximum(jnp.abs(middle), _SLOWEST),
             _OF_STEER * angle**2,
+            _OF_STEP * self.radius * steps / jnp.maximum(jnp.abs(middle), _SLOWEST),
         )
-        learns = told & (settled > _SETTLES)
+        learns = told & (settled > settles) & ~jnp.any(strays)
         more = jnp.where(learns, dt / (_LASTS * error**2), 0.0)
-        kept = jnp.where(learns, state.known * jnp.exp(-dt / _FORGETS), state.known)
+        kept = jnp.where(forgets, 0.0, state.known * jnp.exp(-dt / _FORGETS))
         known = jnp.maximum(kept, _PRIOR**-2) + more
         change = more / known * jnp.where(learns, apart, 0.0)
         moved = jnp.where(self.has_moved(state), 0.0, state.moved * jnp.exp(-dt / _SWIFT)) + change
-        return RadiiState(state.faster + change, known, settled, moved)
+        return RadiiState(state.faster + change, known, settled, stray, moved)

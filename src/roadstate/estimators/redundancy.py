@@ -43,7 +43,9 @@ _STEER = (0.25, 0.006, 1.5, 0.5)  # share; rad; m/s² that any road holds; share
 # m/s² by which gyroscope and wheels' differences alike exceed what steering and lateral acceleration lead to
 # where the car slides sideways, and s for which it may go on
 _SLIDES = (2.0, 2.0)
-_DRIFTS = 0.1  # rad of slip at the rear axle from which on a car may be steered against its turn
+# rad of slip at the rear axle from which on a car may be steered against its turn; rad/s, and share of the
+# yaw rate, within which wheels' differences confirm it meanwhile
+_DRIFTS = (0.1, 0.05, 0.2)
 _WHEEL = (0.15, 0.01)  # m/s; share of the speed
 _HELD = 0.08  # torque over load that any road holds: a wheel under more may spin or lock
 _ROLLS = (2.0, 0.15)  # m/s, and share of the speed, by which a wheel that rolls may differ from it
@@ -271,7 +273,11 @@ class Redundancy(eqx.Module):
         apart = jnp.min(jnp.where(jnp.append(True, paired), apart, jnp.inf)) * jnp.abs(safe)
         spins = both & known[YAW_RATE] & jnp.any(paired) & (apart > _SLIDES[0]) & moves
         slides = jnp.where(spins, _SLIDES[1], jnp.maximum(slides - dt, 0.0))
-        drifts = jnp.abs(velocity_y - self.rear * smooth[YAW_RATE]) > _DRIFTS * jnp.abs(speed)
+        rear = jnp.stack([velocity_y, velocity_y - self.rear * smooth[YAW_RATE]])
+        drifts = jnp.all(jnp.abs(rear) > _DRIFTS[0] * jnp.abs(speed))
+        # not as a gyroscope alone has it that lies
+        alike = jnp.abs(pair - smooth[YAW_RATE]) < _DRIFTS[1] + _DRIFTS[2] * jnp.abs(smooth[YAW_RATE])
+        drifts = drifts & jnp.any(alike & paired)
         held = jnp.stack([known[ACCEL_Y], known[STEER] & ~drifts]) & (slides <= 0)
         turning_known = [known[YAW_RATE][None], paired, held]
         along_known = [

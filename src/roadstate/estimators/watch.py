@@ -14,6 +14,7 @@ from jaxtyping import Array, Bool, Float, Int
 from roadstate.estimators.base import Sample
 
 _SILENT = 0.25  # s without a sample, besides twice the longest usual gap
+_PAUSE = (0.2, 20.0)  # s, and intervals of the fastest channel: the most that a step of the log counts for
 _FORGETS = 60.0  # s after which a long gap is no longer usual
 _LATEST = 1.0  # s: a longer silence is no jump of a clock, and what comes after it is in time
 _ALARM = 0.5  # s for which a spike is told
@@ -160,7 +161,8 @@ class Watch(eqx.Module):
         now = jnp.stack([sample[c] for c in self.channels])
         seen = jnp.isfinite(now)
         now = jnp.where(seen, now, state.last)
-        since = state.age + dt
+        # where the whole log has a gap, no channel is to blame
+        since = state.age + jnp.minimum(dt, jnp.maximum(_PAUSE[0], _PAUSE[1] * jnp.min(state.interval)))
         came = state.age < 1e6
         usual = jnp.where(state.is_silent, jnp.minimum(since, 2 * state.gap + 0.5 * _SILENT), since)
         gap = jnp.where(seen & came, jnp.maximum(usual, state.gap * jnp.exp(-since / _FORGETS)), state.gap)
