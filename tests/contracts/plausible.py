@@ -67,7 +67,8 @@ def plausible_log(vehicle: Vehicle, samples: int, *, tick: float = 1 / 128, seed
         values[f"wheel_speed_{wheel}"] = (speed + side * yaw_rate * track / 2) / R
         if wheel in driven:
             values[f"drive_torque_{wheel}"] = at_wheels / len(driven)
-    for name, std in (("speed", 0.05), ("accel_x", 0.1), ("yaw_rate", 0.003), ("altitude", 0.5)):
+    noise = {"speed": 0.05, "accel_x": 0.1, "yaw_rate": 0.003, "altitude": 0.5, "vertical_speed": 0.03}
+    for name, std in noise.items():
         values[name] = values[name] + std * random.normal(size=samples)
     references = {"ref_grade": np.full(samples, GRADE), "ref_velocity_x": speed}
     return Log(time, {**values, **references})

@@ -43,18 +43,32 @@ def signals(
 
 
 def learned(
-    radii: Radii, rim: Array, seconds: float, slip: float = 0.0, turning: float = 0.0, **other: float
+    radii: Radii,
+    rim: Array,
+    seconds: float,
+    slip: float = 0.0,
+    turning: float = 0.0,
+    noise: float = 0.0,
+    **other: float,
 ) -> RadiiState:
     """After that long at one speed."""
+    return jax.tree.map(lambda path: path[-1], driven(radii, rim, seconds, slip, turning, noise, **other))
+
+
+def driven(
+    radii: Radii, rim: Array, seconds: float, slip: float, turning: float, noise: float, **other: float
+) -> RadiiState:
+    """The state after each sample of it."""
     seen, slips, turns = signals(radii, rim, **other), jnp.full(4, slip), jnp.asarray(turning)
-    steps = jnp.zeros(4)
+    smooth = jnp.zeros(4), jnp.full(4, noise)
 
-    def step(state: RadiiState, _: None) -> tuple[RadiiState, None]:
-        return radii.learn(
-            state, radii.even(state, seen), slips, jnp.zeros(()), turns, steps, jnp.asarray(DT)
-        ), None
+    def step(state: RadiiState, _: None) -> tuple[RadiiState, RadiiState]:
+        new = radii.learn(
+            state, radii.even(state, seen), slips, jnp.zeros(()), turns, *smooth, jnp.asarray(DT)
+        )
+        return new, new
 
-    return jax.lax.scan(step, radii.init(), None, length=round(seconds / DT))[0]
+    return jax.lax.scan(step, radii.init(), None, length=round(seconds / DT))[1]
 
 
 def test_wheels_that_roll_freely_are_told_apart(vehicle: Vehicle) -> None:
@@ -71,6 +85,16 @@ def test_the_longer_they_roll_the_more_is_known(vehicle: Vehicle) -> None:
     radii = Radii(vehicle, WHEEL_SPEEDS)
     some, more = (learned(radii, np.full(4, 20.0), seconds).known for seconds in (1.0, 30.0))
     assert (np.asarray(more) > 10 * np.asarray(some)).all()
+
+
+def test_noise_tells_less_and_upsets_nothing(vehicle: Vehicle) -> None:
+    """Of white noise an average over so long has left little; until then nothing is taken for wrong."""
+    radii = Radii(vehicle, WHEEL_SPEEDS)
+    sure, unsure = (driven(radii, 10 * (1 + FASTER), 1.0, 0.0, 0.0, noise) for noise in (0.0, 0.5))
+    assert (np.asarray(unsure.known[-1]) < 0.3 * np.asarray(sure.known[-1])).all()
+    moved = [np.asarray(jax.vmap(radii.has_moved)(states)) for states in (sure, unsure)]
+    assert moved[0].any()
+    assert not moved[1].any()
 
 
 def test_a_bend_is_no_difference(vehicle: Vehicle) -> None:

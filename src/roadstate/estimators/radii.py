@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float
 from roadstate.core.constants import GRAVITY
 from roadstate.estimators.axle_forces import steered_cosines
 from roadstate.estimators.base import leaf
-from roadstate.estimators.intake import ACCEL_Y, SPIN, STALE, STEER, WHEEL_SPEEDS, Signals
+from roadstate.estimators.intake import ACCEL_Y, SMOOTHING, SPIN, STALE, STEER, WHEEL_SPEEDS, Signals
 from roadstate.estimators.redundancy import inner_mean
 from roadstate.linalg import rss
 
@@ -40,7 +40,8 @@ _OF_STEP = 0.3  # 1σ of a speed that comes in steps, over a step
 _STRAYS = (0.004, 4.0)  # a share, and σ, by which a wheel may differ from what is known of it
 _ANEW = 3.0  # s for which one must, to be learned anew
 _KNOWN = 0.004  # 1σ with which differences pass for known
-_MOVED, _SWIFT = 0.004, 2.0  # a share by which it changes within so many s when what follows is found anew
+# a share, and σ besides, by which it changes within so many s when what follows is found anew
+_MOVED, _SURELY, _SWIFT = 0.004, 2.0, 2.0
 
 
 class RadiiState(NamedTuple):
@@ -96,8 +97,8 @@ class Radii(eqx.Module):
         return jnp.min(jnp.where(self.has, state.known, jnp.inf)) > _KNOWN**-2
 
     def has_moved(self, state: RadiiState) -> Bool[Array, ""]:
-        """Whether what was found has changed so much that what followed from it is wrong."""
-        return jnp.max(jnp.abs(state.moved)) > _MOVED
+        """Whether what was found has surely changed so much that what followed from it is wrong."""
+        return jnp.any(jnp.abs(state.moved) > _MOVED + _SURELY / jnp.sqrt(state.known))
 
     def even(self, state: RadiiState, seen: Signals) -> Signals:
         """Signals with wheels that turn as if all radii were alike."""
@@ -118,6 +119,7 @@ class Radii(eqx.Module):
         felt: Float[Array, ""],
         turning: Float[Array, ""],
         steps: Float[Array, " 4"],
+        noise: Float[Array, " 4"],
         dt: Float[Array, ""],
     ) -> RadiiState:
         """Take what a sample, ``dt`` after the last, tells.
@@ -130,6 +132,7 @@ class Radii(eqx.Module):
                 0 elsewhere.
             turning: yaw rate, rad/s.
             steps: (4,) in which the wheels' speeds come, rad/s.
+            noise: (4,) 1σ of white noise in their low-passed speeds, m/s.
             dt: s.
         """
         told = seen.age[SPIN] < STALE
@@ -155,16 +158,18 @@ class Radii(eqx.Module):
         forgets = stray > _ANEW
         most = jnp.max(jnp.where(told, jnp.abs(apart), 0.0))
         settles = jnp.where(most > _LARGE, _SETTLES[1], _SETTLES[0])
+        moving = jnp.maximum(jnp.abs(middle), _SLOWEST)
         error = rss(
             _LEVEL,
             _OF_SLIP * slip,
             _OF_BEND * (across / GRAVITY) ** 2,
-            _OF_TURN / jnp.maximum(jnp.abs(middle), _SLOWEST),
+            _OF_TURN / moving,
             _OF_STEER * angle**2,
-            _OF_STEP * self.radius * steps / jnp.maximum(jnp.abs(middle), _SLOWEST),
+            _OF_STEP * self.radius * steps / moving,
         )
         learns = told & (settled > settles) & ~jnp.any(strays)
-        more = jnp.where(learns, dt / (_LASTS * error**2), 0.0)
+        density = _LASTS * error**2 + 2 * SMOOTHING * (noise / moving) ** 2
+        more = jnp.where(learns, dt / density, 0.0)
         kept = jnp.where(forgets, 0.0, state.known * jnp.exp(-dt / _FORGETS))
         known = jnp.maximum(kept, _PRIOR**-2) + more
         change = more / known * jnp.where(learns, apart, 0.0)

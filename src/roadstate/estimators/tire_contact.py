@@ -119,6 +119,13 @@ class TireContact(eqx.Module):
         load = jnp.maximum(load, 0.1 * jnp.mean(load))
         return jnp.clip(along / (self.slip_stiffness * load), -_SLIP_LARGEST, _SLIP_LARGEST)
 
+    def white(self, seen: Signals) -> Float[Array, " 4"]:
+        """(4,) 1σ of white noise in the wheels' smooth speeds, m/s, beyond what samples at 100 Hz leave."""
+        noise = jnp.maximum(seen.noise[SPIN] - _USUAL, 0.0)
+        # one sample's error is the next's, turned round: of samples in a row the low pass leaves none
+        teeth = seen.noise[SPIN] * jnp.minimum(noise / _USUAL, 1.0)
+        return root(self.noise**2 * noise + (_TEETH * self.radius) ** 2 * teeth)
+
     def rims(
         self,
         state: ContactState,
@@ -274,10 +281,6 @@ class TireContact(eqx.Module):
         lag = self.relaxation / moving + _YIELDS
         radius = self.radius * (1 + rolling[0])
         late = seen.lag + _SENSED
-        noise = jnp.maximum(seen.noise[SPIN] - _USUAL, 0.0)
-        # one sample's error is the next's, turned round: of samples in a row the low pass leaves none
-        teeth = seen.noise[SPIN] * jnp.minimum(noise / _USUAL, 1.0)
-        noise = self.noise**2 * noise + (_TEETH * radius) ** 2 * teeth
         along = forces.along / load
         across_rate = (across - state.across) / SMOOTHING
         along_rate = (along - state.along) / SMOOTHING
@@ -291,7 +294,7 @@ class TireContact(eqx.Module):
         ground = jnp.where(jnp.abs(ground) < 1.0, jnp.where(ground < 0, -1.0, 1.0), ground)
         slip = jnp.clip((radius * seen.smooth[SPIN] - ground) / jnp.abs(ground), -1.0, 10.0)
         slip_rate = (slip - state.slip) / SMOOTHING
-        slip_noise = root(noise) / jnp.abs(ground)
+        slip_noise = self.white(seen) / jnp.abs(ground)
         stale = seen.age[SPIN] > STALE
         unknown = jnp.where(stale, jnp.inf, 0.0)
         steered = jnp.where(seen.age[STEER] < STALE, 0.0, jnp.asarray([jnp.inf, 0.0]))
