@@ -25,7 +25,8 @@ def touch(along: float | list[float] = 0.0, slip: float | list[float] = 0.0) -> 
         along=jnp.asarray(along) * four, slip=jnp.asarray(slip) * four, slip_std=0.002 * four,
         slip_noise=0.0 * four,
         slip_shared=zero + 0.002, across_std=two, along_std=0.0 * four, split_std=0.0 * four,
-        shaken=two, transfer=two, lag=zero + 0.05, banking=jnp.asarray([0.0, jnp.inf]), spins=zero > 0,
+        shaken=two, bears=jnp.full(4, 0.5), lag=zero + 0.05, banking=jnp.asarray([0.0, jnp.inf]),
+        spins=zero > 0,
     )  # fmt: skip
 
 
@@ -194,6 +195,28 @@ class TestBank:
         low, middle, high = self.after(FrictionBank(vehicle, reads_roll=False), 0.3, along=0.28, slip=0.25)
         assert low < 0.33 < high
         assert middle < 0.5
+
+    @pytest.mark.parametrize("inner", [0.15, 0.4])
+    def test_an_inner_wheel_that_locks_leaves_the_outer_its_force(
+        self, vehicle: Vehicle, inner: float
+    ) -> None:
+        """An axle bears across what its wheels do, each as much as it is loaded."""
+        bank = FrictionBank(vehicle, reads_roll=False)
+        bears = jnp.tile(jnp.asarray([inner, 1 - inner]), 2)
+        soft = 1 - 0.4 * (1 - 2 * inner) ** 2
+        truth, sideways = 0.85, 1.5
+        here = touch()._replace(bears=bears, slip_std=jnp.full(4, 0.01))
+        turns = []
+        for slip in (jnp.zeros(4), jnp.asarray([-0.3, -0.02, -0.3, -0.02])):
+            stiff = bank.wheels.slip_stiffness * slip / (1 + slip)
+            forces = bounded(stiff, jnp.full(4, sideways), jnp.full(4, truth), bank.wheels.shape)
+            across = (bears * forces.across).reshape(2, 2).sum(1)
+            angle = sideways / (soft * bank.motion.stiffness) + bank.motion.give * across
+            turns.append(here._replace(along=forces.along, across=across, slip=slip, angle=angle))
+        state = self.driven(bank, (2.0, turns[0]), (0.5, turns[1]), (0.5, turns[0]), (0.5, turns[1]))
+        low, high = np.asarray(bank.quantiles(state, (0.05, 0.95)))[:, 0]
+        assert low < truth < high
+        assert float(bank.likeliest(state)[0]) == pytest.approx(truth, rel=0.1)
 
     def test_gentle_driving_tells_a_lower_bound_only(self, vehicle: Vehicle) -> None:
         low, _, high = self.after(FrictionBank(vehicle, reads_roll=False), 3.0, along=0.1, slip=0.1 / 22)

@@ -54,6 +54,7 @@ _DRIFT = 0.1**2 / 300.0  # 1/m: variance of ln μ that is added by driving on
 _SIDESLIP = (0.1, 0.03)  # rad: 1σ of the rear axle's slip angle where friction is 1, and at the least
 _SPUN = 2.0  # rad: of a car that spins
 _SLIDES = 1.0  # s in which it becomes another one
+_TURN_TIME = 3.0  # s for which errors last that come from how the car turns in
 _ANGLE_ERROR = 0.002  # rad: 1σ of a slip angle, besides what v_y and the steering's bias do to it
 _BEND = 0.3  # 1σ of an axle's force, as a share of what it lacks of a linear one
 _ANEW = (0.06, 12.0)  # change of a force over load that tells anew; else it does after s
@@ -119,6 +120,7 @@ class _Told(NamedTuple):
         innovation: by what it exceeds its prediction.
         noise: variance of its error.
         bend: what a linear tire would bear more.
+        repeats: share of the noise that is the same wherever the car turns in: of inertia, place and lag.
         known: whether it is measured.
     """
 
@@ -126,6 +128,7 @@ class _Told(NamedTuple):
     innovation: Float[Array, " J"]
     noise: Float[Array, " J"]
     bend: Float[Array, " J"]
+    repeats: Float[Array, " J"]
     known: Bool[Array, " J"]
 
 
@@ -213,7 +216,7 @@ class FrictionBank(eqx.Module):
         mixed = self._mixed(state, jnp.abs(touch.speed) * dt, dt)
         x, P = self.motion.moved(mixed.x, mixed.P, touch, dt)
         soon = jnp.maximum(2 * FORCE_ERROR_TIME / step, 1.0)
-        takes = jnp.maximum((2 * FORCE_ERROR_TIME + 1 / anew[:2]) / step, 1.0)
+        lasts = 2 * FORCE_ERROR_TIME + 1 / anew[:2]
         speed = jnp.maximum(jnp.abs(touch.speed), SLOWEST)
         # beyond its peak a tire tells nothing of the sideslip: a car that is driven does not slide far, and
         # where the road is slippery the peak comes at a smaller angle; one that spins may have any
@@ -227,9 +230,10 @@ class FrictionBank(eqx.Module):
         for axle in range(2):
             force = self._told(x, touch, along, axle)
             # where a tire bends, its force tells little of how far it slips
-            noise, counts = (force.noise + (_BEND * force.bend) ** 2, force.noise), (soon, takes[axle])
+            takes = jnp.maximum((lasts[axle] + 2 * _TURN_TIME * force.repeats) / step, 1.0)
+            noise, counts = (force.noise + (_BEND * force.bend) ** 2, force.noise), (soon, takes)
             x, P, own = follow(x, P, force.row, force.innovation, noise, counts, MOVES)
-            likelihood = weigh(force.innovation, own, force.noise, takes[axle], whole[axle])
+            likelihood = weigh(force.innovation, own, force.noise, takes, whole[axle])
             across_evidence.append(jnp.where(force.known, likelihood, 0.0))
         angles = [self._angle(x, touch, speed, axle) for axle in range(2)]
         across = [self._cornering(x, touch, axle) * angles[axle] for axle in range(2)]
@@ -253,7 +257,8 @@ class FrictionBank(eqx.Module):
         speed = jnp.maximum(jnp.abs(touch.speed), SLOWEST)
         stiffness = self._cornering(x, touch, axle)
         linear = stiffness * self._angle(x, touch, speed, axle)
-        here = self._axle(x, along[2 * axle : 2 * axle + 2], linear)
+        wheels = slice(2 * axle, 2 * axle + 2)
+        here = self._axle(x, along[wheels], linear, touch.bears[wheels])
         by_angle = here.across_by_angle * stiffness
         lagged = -by_angle / speed
         rows = [jnp.zeros_like(lagged)] * SIZE  # stacked: writing one by one costs a pass each
@@ -269,12 +274,16 @@ class FrictionBank(eqx.Module):
             rows[GIVE_F] = -by_angle * touch.across[0]
         measured = touch.across[axle]
         noise = self._shake**2 + FORCE_ERROR[0] ** 2 + (FORCE_ERROR[1] * measured) ** 2
-        noise = noise + touch.across_std[axle] ** 2 + touch.shaken[1] ** 2
-        noise = noise * (1 + gives * by_angle) ** 2 + (_ANGLE_ERROR * by_angle) ** 2
+        turning = touch.across_std[axle] ** 2
+        noise = noise + turning + touch.shaken[1] ** 2
+        bears = (1 + gives * by_angle) ** 2
+        noise = noise * bears + (_ANGLE_ERROR * by_angle) ** 2
         known = jnp.isfinite(noise) & (jnp.abs(touch.speed) > SLOWEST)
         misread = (x[BIAS_Y] + x[LEVER] * touch.yaw_accel) / GRAVITY
         innovation = jnp.where(known, measured - here.across - misread, 0.0)
-        return _Told(jnp.stack(rows), innovation, jnp.where(known, noise, 1e12), linear - here.across, known)
+        repeats = jnp.where(known, turning * bears / jnp.where(known, noise, 1.0), 0.0)
+        noise = jnp.where(known, noise, 1e12)
+        return _Told(jnp.stack(rows), innovation, noise, linear - here.across, repeats, known)
 
     def _of_jumps(self, jumps: slip_jump.Told) -> Float[Array, "3 7 J"]:
         """What the wheels' jumps tell each part. A road that has begun under several wheels has not reached
@@ -289,7 +298,8 @@ class FrictionBank(eqx.Module):
 
     def _cornering(self, x: Array, touch: Touch, axle: int) -> Array:
         """C_α/F_z of an axle's tires, of which less is left as load moves to the outer wheel."""
-        return (1 - 0.4 * touch.transfer[axle]) * self.motion.stiffness[axle] * jnp.exp(x[STIFF_F + axle])
+        left, right = touch.bears[2 * axle], touch.bears[2 * axle + 1]
+        return (1 - 0.4 * (left - right) ** 2) * self.motion.stiffness[axle] * jnp.exp(x[STIFF_F + axle])
 
     def _gives(self, x: Array, axle: int) -> Array:
         """Angle that steering and suspension of an axle give per F_y/F_z, under each hypothesis."""
@@ -302,10 +312,11 @@ class FrictionBank(eqx.Module):
         angle = angle - (x[V_Y] - self.motion.arm[axle] * x[BIAS_R] - touch.lag * lateral) / speed
         return angle - x[STEER_BIAS] * jnp.sign(touch.speed) if axle == 0 else angle
 
-    def _axle(self, x: Array, along: Array, across: Array) -> Grip:
-        """An axle's tires together: the mean of its wheels, whose F_x/F_z, and its F_y/F_z, if linear."""
+    def _axle(self, x: Array, along: Array, across: Array, bears: Array) -> Grip:
+        """An axle's tires together: of its wheels, whose F_x/F_z, and its F_y/F_z, if linear, as much as each
+        bears of its load: a brake locks the inner wheel, and the outer one goes on steering."""
         wheels = bounded(along, across, self.friction, self.wheels.shape + x[SHAPE])
-        return Grip(*(jnp.mean(part, axis=0) for part in wheels))
+        return Grip(*(jnp.sum(bears[:, None] * part, axis=0) for part in wheels))
 
     def _mixed(self, state: BankState, distance: Array, dt: Array) -> BankState:
         """The road's friction drifts or changes over a distance; a hypothesis that is born anew inherits."""

@@ -63,7 +63,7 @@ class Touch(NamedTuple):
         accel_y: specific force across, m/s².
         yaw_rate: rad/s.
         yaw_accel: rad/s², low-passed.
-        lateral: what v̇_y would be on a level road and without biases, low-passed, m/s².
+        lateral: mean of what v̇_y would be on a level road and without biases, while ``angle`` lags, m/s².
         angle: (2,) rad: slip angles of the axles but for v_y and the steering's bias, low-passed.
         across, along: (2,) and (4,) F_y/F_z of the axles and F_x/F_z of the wheels, low-passed.
         slip: (4,) practical slip of the wheels.
@@ -73,7 +73,7 @@ class Touch(NamedTuple):
         across_std, along_std: 1σ of the forces over load beyond the model's own; infinite where unknown.
         split_std: (4,) the part of the latter that lasts: of how wheels share what they bear together.
         shaken: (2,) 1σ of the forces over load, along and across, by which tires bounce on a rough road.
-        transfer: (2,) squared share of its load that a wheel of the axle gains or loses to the other.
+        bears: (4,) share of its axle's load that each wheel bears.
         lag: s by which ``angle`` lags, and so v_y must.
         banking: g times the rate of the road's bank, m/s³, and its white error, m/s³/√Hz, infinite where
             no roll rate tells it.
@@ -96,7 +96,7 @@ class Touch(NamedTuple):
     along_std: Float[Array, " 4"]
     split_std: Float[Array, " 4"]
     shaken: Float[Array, " 2"]
-    transfer: Float[Array, " 2"]
+    bears: Float[Array, " 4"]
     lag: Float[Array, ""]
     banking: Float[Array, " 2"]
     spins: Bool[Array, ""]

@@ -42,6 +42,7 @@ _TEETH = 0.2  # rad/s: 1σ of a wheel's sample by teeth out of place
 _TOOTH = (0.04, 0.12)  # m from tooth to tooth, one of which a speed is late besides, and s at the most
 _LATE_ERROR = 0.5  # 1σ of that lateness, as a share of it
 _YIELDS = 0.025  # s: lag of the force behind the angle that suspension and steering add to the tire's
+_LEVER = 0.85  # of the centre of gravity over the axis that the body rolls about, over its height
 _LAG_ERROR = 0.015  # s: 1σ of that lag
 _SLIDES = 0.5  # m/s² by which a car on locked wheels slows down at the least
 _VAGUE = 1.0  # m/s: 1σ of a speed that tells nothing of which wheel slips
@@ -56,6 +57,7 @@ class ContactState(NamedTuple):
 
     Attributes:
         angle, across: (2,) the axles' slip angles but for v_y, and their F_y/F_z, both slowed.
+        lateral: what v̇_y would be on a level road and without biases, as slow as the angles, m/s².
         along, slip: (4,) F_x/F_z and slip of the wheels, slowed.
         racing: (4,) m/s² by which wheels outran the car lately.
         locked: s for which no wheel has turned.
@@ -67,6 +69,7 @@ class ContactState(NamedTuple):
 
     angle: Float[Array, " 2"]
     across: Float[Array, " 2"]
+    lateral: Float[Array, ""]
     along: Float[Array, " 4"]
     slip: Float[Array, " 4"]
     racing: Float[Array, " 4"]
@@ -86,6 +89,7 @@ class TireContact(eqx.Module):
         slip_stiffness: C_κ/F_z.
         relaxation: relaxation length, m.
         places: (2,) of the axles ahead of the centre of gravity, m.
+        sway: m by which the tires are left behind to the left as the body leans, per m/s² across.
         half_track: (4,) of the wheels to the left, m.
         driven: whether a drive acts on each wheel.
     """
@@ -96,6 +100,7 @@ class TireContact(eqx.Module):
     slip_stiffness: Float[Array, ""]
     relaxation: Float[Array, ""]
     places: Float[Array, " 2"]
+    sway: Float[Array, ""]
     half_track: Float[Array, " 4"]
 
     def __init__(self, vehicle: Vehicle) -> None:
@@ -105,6 +110,7 @@ class TireContact(eqx.Module):
         self.noise = leaf(vehicle.wheels.radius * vehicle.sensors.wheel_speed.noise)
         self.slip_stiffness, self.relaxation = leaf(tires.slip_stiffness), leaf(tires.relaxation_length)
         self.places = jnp.asarray([geometry.cg_to_front_axle, -geometry.cg_to_rear_axle])
+        self.sway = leaf(_LEVER * geometry.cg_height * vehicle.body.roll_gradient)
         front, rear = geometry.track_front / 2, geometry.track_rear / 2
         self.half_track = jnp.asarray(np.array([front, -front, rear, -rear]))
 
@@ -112,7 +118,7 @@ class TireContact(eqx.Module):
         """Straight ahead and rolling."""
         two, four = jnp.zeros(2), jnp.zeros(4)
         zero = jnp.zeros(())
-        return ContactState(two, two, four, four, four, zero, zero, zero, jnp.zeros((), bool), zero)
+        return ContactState(two, two, zero, four, four, four, zero, zero, zero, jnp.zeros((), bool), zero)
 
     def slips(self, along: Array, load: Array) -> Float[Array, " 4"]:
         """(4,) what forces F_x (4,) under loads (4,), N, make wheels slip as long as that is linear."""
@@ -277,7 +283,8 @@ class TireContact(eqx.Module):
         load = jnp.maximum(forces.load, 0.05 * jnp.mean(forces.load))
         axles = by_axle(load)
         across = forces.across / axles
-        now = steer - self.places * seen.smooth[YAW_RATE] / moving
+        sways = jnp.where(seen.age[ACCEL_Y] < STALE, self.sway * seen.rate[ACCEL_Y], 0.0)
+        now = steer - (self.places * seen.smooth[YAW_RATE] + sways) / moving
         lag = self.relaxation / moving + _YIELDS
         radius = self.radius * (1 + rolling[0])
         late = seen.lag + _SENSED
@@ -285,7 +292,14 @@ class TireContact(eqx.Module):
         across_rate = (across - state.across) / SMOOTHING
         along_rate = (along - state.along) / SMOOTHING
         keep = -jnp.expm1(-dt / SMOOTHING)
-        angle = state.angle - jnp.expm1(-dt / jnp.maximum(lag, 1e-3)) * (now - state.angle)
+        follows = -jnp.expm1(-dt / jnp.maximum(lag, 1e-3))
+        angle = state.angle + follows * (now - state.angle)
+        # of samples in steps of dt it is late by less than of a signal without
+        lag = dt * (1 / jnp.maximum(follows, 1e-6) - 1)
+        # what v_y gains while the low pass and then the tires lag
+        gains = seen.smooth[ACCEL_Y] - speed * seen.smooth[YAW_RATE]
+        slowed = state.lateral + follows * (gains - state.lateral)
+        lateral = (late[YAW_RATE] * gains + lag * slowed) / (late[YAW_RATE] + lag)
         turn = steered_cosines(jnp.cos(seen.smooth[STEER]))
         # as late as the wheels' speeds are
         ground = (
@@ -300,13 +314,12 @@ class TireContact(eqx.Module):
         steered = jnp.where(seen.age[STEER] < STALE, 0.0, jnp.asarray([jnp.inf, 0.0]))
         # anti-lock brakes shake a car along, swift steering across, but only a rough road both ways
         shaken = jnp.asarray(_SHAKEN, load.dtype) * jnp.min(forces.shaken) / GRAVITY
-        transfer = ((load[0::2] - load[1::2]) / axles) ** 2
         touch = Touch(
             speed=speed,
             accel_y=seen.value[ACCEL_Y],
             yaw_rate=seen.value[YAW_RATE],
             yaw_accel=seen.rate[YAW_RATE],
-            lateral=seen.smooth[ACCEL_Y] - speed * seen.smooth[YAW_RATE],
+            lateral=lateral,
             angle=angle,
             across=across,
             along=along,
@@ -318,13 +331,14 @@ class TireContact(eqx.Module):
             along_std=rss(forces.along_std, _LAG_ERROR * along_rate) + unknown,
             split_std=forces.along_std,
             shaken=shaken,
-            transfer=transfer,
+            bears=load / jnp.repeat(axles, 2),
             lag=lag + late[YAW_RATE],
             banking=banking,
             spins=spins,
         )
         memory = state._replace(
             angle=angle,
+            lateral=slowed,
             across=state.across + keep * (across - state.across),
             along=state.along + keep * (along - state.along),
             slip=state.slip + keep * (slip - state.slip),

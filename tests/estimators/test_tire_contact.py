@@ -1,0 +1,81 @@
+"""How the tires touch the road while a car turns in: what lags, and what the body's roll leaves behind."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jaxtyping import Array, Float
+
+from roadstate.estimators.contact_forces import ForceMeter
+from roadstate.estimators.intake import ACCEL_Y, SMOOTHING, STEER, WHEEL_SPEEDS, YAW_RATE, Signals
+from roadstate.estimators.sideways import Touch
+from roadstate.estimators.tire_contact import TireContact
+from roadstate.vehicles import Vehicle
+
+DT, SPEED = 0.01, 7.0  # s, m/s: in a roundabout
+AGE = 0.005  # s by which signals are late when they come
+
+
+def turns_in(time: Float[Array, " t"], body: float, places: Float[Array, " 2"]) -> Float[Array, "t 4"]:
+    """v_y, a_y, yaw rate and steering angle of a car whose tires follow where they point, all the while.
+
+    From one bend into the other within a second. Tires are left behind the body by ``body`` m per m/s²: on
+    the road they move across by v_y + body da_y/dt.
+    """
+    turning = 0.35 * jnp.tanh(4 * (time - 3))
+    arm = -places[1]
+    # v_y = arm r - body da_y/dt, where a_y is nearly v r + arm dr/dt
+    rate = jnp.gradient(turning, time)
+    lateral = SPEED * turning + arm * rate
+    across = arm * turning - body * jnp.gradient(lateral, time)
+    accel = jnp.gradient(across, time) + SPEED * turning
+    steer = (across + body * jnp.gradient(accel, time) + places[0] * turning) / SPEED
+    return jnp.stack([across, accel, turning, steer], axis=1)
+
+
+def touched(contact: TireContact, vehicle: Vehicle, motion: Float[Array, "t 4"]) -> Touch:
+    """Of samples of that: (t, ...)."""
+    forces = ForceMeter(vehicle, (*WHEEL_SPEEDS, "accel_x", "accel_y", "yaw_rate", "steer")).nothing()
+    known = forces._replace(along_std=jnp.zeros(4), across_std=jnp.zeros(2))
+    keep = -jnp.expm1(-DT / SMOOTHING)
+    still, zero = jnp.zeros(8), jnp.zeros(())
+    rows = jnp.asarray([ACCEL_Y, YAW_RATE, STEER])
+
+    def step(state: tuple, now: Float[Array, " 4"]) -> tuple[tuple, Touch]:
+        memory, smooth = state
+        value = still.at[rows].set(now[1:])
+        new = smooth + keep * (value - smooth)
+        seen = Signals(
+            value=value, age=still, is_fresh=jnp.ones(8, bool), smooth=new, rate=(new - smooth) / DT,
+            lag=still + DT * (1 / keep - 1), noise=still, now=value, now_rate=still, shaken=jnp.zeros(2),
+            is_faulty=jnp.zeros(8, bool),
+        )  # fmt: skip
+        memory, touch = contact.touch(
+            memory, seen, known, jnp.asarray(SPEED), (zero, zero), zero, jnp.zeros(2),
+            jnp.zeros((), bool), jnp.asarray(DT),
+        )  # fmt: skip
+        return (memory, new), touch
+
+    first = contact.init(), still.at[rows].set(motion[0, 1:])
+    return jax.lax.scan(step, first, motion)[1]
+
+
+@pytest.mark.parametrize("leans", [False, True], ids=["stiff", "soft"])
+def test_tires_that_follow_where_they_point_slip_nowhere(vehicle: Vehicle, leans: bool) -> None:
+    """While v_y changes by a metre per second within half of one, and whatever lags."""
+    gradient = 0.01 if leans else 0.0
+    car = vehicle.model_copy(update={"body": vehicle.body.model_copy(update={"roll_gradient": gradient})})
+    contact = TireContact(car)
+    assert (float(contact.sway) > 0.004) == leans
+    time = jnp.arange(0, 6, DT)
+    motion = turns_in(time, float(contact.sway), contact.places)
+    late = turns_in(time - AGE, float(contact.sway), contact.places)
+    touch = touched(contact, car, late)
+    across, swing = motion[:, 0], np.abs(np.gradient(motion[:, 0], DT)).max()
+    assert swing > 2.0
+    slips = touch.angle - ((across - touch.lag * touch.lateral) / SPEED)[:, None]
+    begun = np.asarray(time) > 1.0
+    # the lag alone would be .25 m/s of v_y: 40 mrad
+    assert np.abs(np.asarray(slips)[begun]).max() < 1.5e-3
