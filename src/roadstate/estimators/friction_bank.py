@@ -54,7 +54,7 @@ _DRIFT = 0.1**2 / 300.0  # 1/m: variance of ln μ that is added by driving on
 _SIDESLIP = (0.1, 0.03)  # rad: 1σ of the rear axle's slip angle where friction is 1, and at the least
 _SPUN = 2.0  # rad: of a car that spins
 _SLIDES = 1.0  # s in which it becomes another one
-_TURN_TIME = 3.0  # s for which errors last that come from how the car turns in
+_TURN_TIME = 1.5  # s for which errors last that come from how the car turns in
 _ANGLE_ERROR = 0.002  # rad: 1σ of a slip angle, besides what v_y and the steering's bias do to it
 _BEND = 0.3  # 1σ of an axle's force, as a share of what it lacks of a linear one
 _ANEW = (0.06, 12.0)  # change of a force over load that tells anew; else it does after s
@@ -230,9 +230,11 @@ class FrictionBank(eqx.Module):
         for axle in range(2):
             force = self._told(x, touch, along, axle)
             # where a tire bends, its force tells little of how far it slips
-            takes = jnp.maximum((lasts[axle] + 2 * _TURN_TIME * force.repeats) / step, 1.0)
-            noise, counts = (force.noise + (_BEND * force.bend) ** 2, force.noise), (soon, takes)
+            noise = force.noise + (_BEND * force.bend) ** 2, force.noise
+            counts = soon, jnp.maximum(lasts[axle] / step, 1.0)
             x, P, own = follow(x, P, force.row, force.innovation, noise, counts, MOVES)
+            # what errs as the car turns in will err so in the next bend: it is no new evidence then
+            takes = jnp.maximum((lasts[axle] + 2 * _TURN_TIME * force.repeats) / step, 1.0)
             likelihood = weigh(force.innovation, own, force.noise, takes, whole[axle])
             across_evidence.append(jnp.where(force.known, likelihood, 0.0))
         angles = [self._angle(x, touch, speed, axle) for axle in range(2)]
