@@ -278,12 +278,12 @@ class FrictionBank(eqx.Module):
         noise = self._shake**2 + FORCE_ERROR[0] ** 2 + (FORCE_ERROR[1] * measured) ** 2
         turning = touch.across_std[axle] ** 2
         noise = noise + turning + touch.shaken[1] ** 2
-        bears = (1 + gives * by_angle) ** 2
-        noise = noise * bears + (_ANGLE_ERROR * by_angle) ** 2
+        gain = (1 + gives * by_angle) ** 2
+        noise = noise * gain + (_ANGLE_ERROR * by_angle) ** 2
         known = jnp.isfinite(noise) & (jnp.abs(touch.speed) > SLOWEST)
         misread = (x[BIAS_Y] + x[LEVER] * touch.yaw_accel) / GRAVITY
         innovation = jnp.where(known, measured - here.across - misread, 0.0)
-        repeats = jnp.where(known, turning * bears / jnp.where(known, noise, 1.0), 0.0)
+        repeats = jnp.where(known, turning * gain / jnp.where(known, noise, 1.0), 0.0)
         noise = jnp.where(known, noise, 1e12)
         return _Told(jnp.stack(rows), innovation, noise, linear - here.across, repeats, known)
 
