@@ -167,8 +167,7 @@ class ForceMeter(eqx.Module):
         if brakes is not None:
             gains = np.repeat([brakes.torque_per_pressure_front, brakes.torque_per_pressure_rear], 2)
             self._braked = jnp.asarray(gains / gains.sum())
-        front, rear = vehicle.geometry.track_front / 2, vehicle.geometry.track_rear / 2
-        self._half_track = jnp.asarray(np.array([front, -front, rear, -rear]))
+        self._half_track = jnp.asarray(np.array(vehicle.geometry.half_tracks))
         self._spin_noise = leaf(_SPUN * vehicle.sensors.wheel_speed.noise / SMOOTHING)
         self._pitching = leaf(GRAVITY * vehicle.body.pitch_gradient)
 

@@ -83,9 +83,8 @@ class Radii(eqx.Module):
     def __init__(self, vehicle: Vehicle, available: Collection[str]) -> None:
         has = np.array([name in available for name in WHEEL_SPEEDS])
         self.has = jnp.asarray(has & (has.sum() > 1))
-        front, rear = vehicle.geometry.track_front / 2, vehicle.geometry.track_rear / 2
         self.radius = leaf(vehicle.wheels.radius)
-        self.half_track = jnp.asarray(np.array([front, -front, rear, -rear]))
+        self.half_track = jnp.asarray(np.array(vehicle.geometry.half_tracks))
 
     def init(self) -> RadiiState:
         """All alike, as far as anybody knows."""

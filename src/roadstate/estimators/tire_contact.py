@@ -111,8 +111,7 @@ class TireContact(eqx.Module):
         self.slip_stiffness, self.relaxation = leaf(tires.slip_stiffness), leaf(tires.relaxation_length)
         self.places = jnp.asarray([geometry.cg_to_front_axle, -geometry.cg_to_rear_axle])
         self.sway = leaf(_LEVER * geometry.cg_height * vehicle.body.roll_gradient)
-        front, rear = geometry.track_front / 2, geometry.track_rear / 2
-        self.half_track = jnp.asarray(np.array([front, -front, rear, -rear]))
+        self.half_track = jnp.asarray(np.array(geometry.half_tracks))
 
     def init(self) -> ContactState:
         """Straight ahead and rolling."""

@@ -55,6 +55,12 @@ class Geometry(Section):
         """L = l_f + l_r in m."""
         return self.cg_to_front_axle + self.cg_to_rear_axle
 
+    @property
+    def half_tracks(self) -> tuple[float, float, float, float]:
+        """How far to the left each wheel stands, m."""
+        front, rear = self.track_front / 2, self.track_rear / 2
+        return front, -front, rear, -rear
+
 
 class Body(Section):
     """How the body leans on its springs: an accelerometer in it then sees a part of gravity."""
