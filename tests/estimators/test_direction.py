@@ -95,6 +95,18 @@ def test_sets_off_forward_as_ever(joint: Joint, drive: Drive, accel: float, grad
     assert np.max(np.abs(said.values["speed"] - speed)) < 0.15
 
 
+@pytest.mark.parametrize("stands", [0.5, 2.0])
+@pytest.mark.parametrize("grade", [-0.04, 0.0, 0.08])
+def test_what_came_before_a_stop_does_not_count(
+    joint: Joint, drive: Drive, stands: float, grade: float
+) -> None:
+    """Braked to a stop from speed, the accelerometer has summed up to −15 m/s; that is over."""
+    speed = np.interp(TIME, [4, 8, 8 + stands, 28 + stands], [15, 0, 0, 10])
+    log = unsigned(drive(speed, np.full(len(TIME), grade)), 1)
+    said = scan(joint, log)
+    assert np.max(np.abs(said.values["speed"] - speed)[TIME > 1]) < 0.3
+
+
 def test_an_accelerometer_turned_round_is_found_out(joint: Joint, drive: Drive) -> None:
     """Its car seems to back up, until it goes as fast as no car does."""
     speed = np.interp(TIME, [3, 13], [0, 15.0])

@@ -123,13 +123,14 @@ class Direction(eqx.Module):
         rest_std = jnp.where(stands, root(jnp.sum((row @ along.factor) ** 2) + _UNEVEN**2), state.rest_std)
         # of a car that creeps while its wheels still read 0 the filter believes that it stands on a slope
         settled = rest_std < _SETTLED
-        slowly = jnp.where(settled, -jnp.expm1(-dt / _CREEPS), 1.0)
+        arrives = stands & ~state.is_open
+        slowly = jnp.where(settled & ~arrives, -jnp.expm1(-dt / _CREEPS), 1.0)
         rest = jnp.where(stands, state.rest + slowly * (row @ along.mean - state.rest), state.rest)
         felt = raw.age[ACCEL_X] < STALE
         gain = jnp.where(felt, sign * raw.value[ACCEL_X] - rest, 0.0)
         since = jnp.where(stands, 0.0, state.since + dt)
         velocity = (state.velocity + gain * dt) * jnp.where(stands, jnp.exp(-dt / _CREEPS), 1.0)
-        velocity = jnp.where(stands & ~settled, along.mean[SPEED], velocity)
+        velocity = jnp.where(arrives | (stands & ~settled), along.mean[SPEED], velocity)
         unseen = jnp.where(felt, 0.0, _UNSEEN**2 * dt)
         variance = jnp.where(stands, _DEAD_BAND**2, state.variance + unseen)
         total = variance + (rest_std * since) ** 2
