@@ -1,4 +1,4 @@
-"""Which way a car sets off whose wheels turn without a sign and whose gear nobody tells."""
+"""Which way a car sets off whose wheels turn without a sign and which no gear makes go backward."""
 
 from __future__ import annotations
 
@@ -26,11 +26,13 @@ _CREEPS = 1.5  # s: a car moves as long before its wheels tell
 _SETTLED = 0.15  # m/s²: 1σ of what it reads at rest, below which that is known
 _UNSEEN = 2.0  # m/s²: 1σ of an acceleration that nothing tells
 _UNEVEN = 0.1  # m/s²: 1σ of what the slope is another by within the first metres
-# evidence (natural logarithm of the odds): that a car sets off forward before anything is known; beyond
-# which one way is taken for sure; below which wheels are left out until then
-_PRIOR, _SURE, _WITHHELD = 3.0, 3.0, 2.0
+# evidence (natural logarithm of the odds): that a car sets off forward before anything is known, and in a
+# forward gear (it may roll back on a slope); beyond which one way is taken for sure; below which wheels are
+# left out until then
+_PRIOR, _GEARED, _SURE, _WITHHELD = 3.0, 6.0, 3.0, 2.0
 _FITS = 3.0  # σ by which wheels and accelerometer may differ to be of one motion
 _SET_OFF = 3.0  # m/s at which the question is over
+_ROLLS_BACK = 4.0  # m/s: no car rolls back faster in a forward gear
 
 
 class DirectionState(NamedTuple):
@@ -61,7 +63,7 @@ class DirectionState(NamedTuple):
 
 
 class Direction(eqx.Module):
-    """Gives unsigned wheel speeds the sign of the motion: that of the gear, or else of how the car set off.
+    """Gives unsigned wheel speeds the sign of the motion: that of reverse, or else of how the car set off.
 
     Once the wheels stand, what the accelerometer reads beyond the slope's share and its bias, summed up, is
     the velocity v, 1σ = s; the wheels tell a speed of n. Whether they turn forward or backward are two
@@ -134,13 +136,15 @@ class Direction(eqx.Module):
         unseen = jnp.where(felt, 0.0, _UNSEEN**2 * dt)
         variance = jnp.where(stands, _DEAD_BAND**2, state.variance + unseen)
         total = variance + (rest_std * since) ** 2
-        evidence = _PRIOR + 2 * speed * velocity / jnp.maximum(total, _DEAD_BAND**2)
+        prior = jnp.where(gear > 0, _GEARED, _PRIOR)
+        evidence = prior + 2 * speed * velocity / jnp.maximum(total, _DEAD_BAND**2)
         fits = (speed + velocity) ** 2 < _FITS**2 * total
-        known = has_sign | (gear != 0)
+        known = has_sign | (gear < 0)
         is_open = (stands | state.is_open) & ~known
         found = is_open & (evidence < -_SURE) & fits
-        backs = (found | (state.backs & ~stands)) & ~known & (speed < FASTEST_BACKWARD)
-        is_open = is_open & ~found & (evidence < _PRIOR + _SURE) & (speed < _SET_OFF)
+        fastest = jnp.where(gear > 0, _ROLLS_BACK, FASTEST_BACKWARD)
+        backs = (found | (state.backs & ~stands)) & ~known & (speed < fastest)
+        is_open = is_open & ~found & (evidence < prior + _SURE) & (speed < _SET_OFF)
         withheld = is_open & (evidence < _WITHHELD)
         way = jnp.where(backs, -1.0, 1.0)
         new = DirectionState(velocity, variance, since, rest, rest_std, is_open, backs, has_sign)
