@@ -4,9 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 from cli_case import Run, assert_refusal, csv
 
 from roadstate.cli.left_out import left_out
+from roadstate.core import Log
+from roadstate.io import write
+from roadstate.sim import SpeedPlan, simulate
+from roadstate.vehicles import load_vehicle
 
 
 def test_what_was_left_out_is_one_line_with_reasons() -> None:
@@ -110,3 +115,23 @@ def test_samples_that_are_repeated_are_told_of(run: Run, tmp_path: Path) -> None
     mapping = tmp_path / "m.yaml"
     mapping.write_text("time: {held: keep}\n")
     assert run("estimate", *words, "-m", mapping).err == ""
+
+
+def test_a_channel_that_comes_late_is_named(run: Run, tmp_path: Path) -> None:
+    """And is no more, once its delay is set."""
+    plan = SpeedPlan((0, 5, 9, 14, 17, 25, 29, 34, 38, 45), (9, 9, 15, 15, 8, 18, 12, 12, 20, 10))
+    log = simulate(load_vehicle("family-car"), plan, seed=5)
+    late = np.concatenate([np.full(20, np.nan), log["accel_x"][:-20]])
+    file = write(Log(log.time, {**log.channels, "accel_x": late}), tmp_path / "drive.csv")
+    words = (file, "-v", "family-car", "-e", "kmbe", "-o", tmp_path / "o")
+    end = run("estimate", *words, "--json")
+    assert end.err.startswith(f"{file}: accel_x: 0.2")
+    assert end.err.endswith(" s later than the other channels; add 200 ms to its 'delay' in the mapping\n")
+    (found,) = end.json["logs"]["drive"]["late"]
+    assert found["channels"] == ["accel_x"]
+    assert abs(found["seconds"] - 0.2) < 0.01
+    mapping = tmp_path / "m.yaml"
+    mapping.write_text("channels:\n  accel_x: {from: accel_x, delay: 200 ms}\n")
+    end = run("estimate", *words, "-m", mapping, "--json")
+    assert end.err == ""
+    assert end.json["logs"]["drive"]["late"] == []

@@ -1,4 +1,4 @@
-"""What readers left out of a log, in words."""
+"""What readers left out of a log, and what else is wrong with it, in words."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from roadstate.core import CHANNELS, InputError
 if TYPE_CHECKING:
     from roadstate import io
     from roadstate.core import Log
+    from roadstate.lateness import Late
 
 LOOK_AT_IT = "look at its column, and at 'range' and 'valid' in the mapping"
 """How to mend a channel that is there but empty."""
@@ -73,6 +74,15 @@ def held_channels(metadata: Mapping[str, Any]) -> dict[str, str]:
         )
         for rows, names in by_rows.items()
     }
+
+
+def late_channels(late: Iterable[Late]) -> dict[str, str]:
+    """Channels that come late throughout: what to say of each → how to mend it."""
+    said = {}
+    for one in late:
+        what = f"{_some(one.channels)}: {one.seconds:.2f} ± {one.std:.2f} s later than the other channels"
+        said[what] = f"add {round(100 * one.seconds)}0 ms to its 'delay' in the mapping"
+    return said
 
 
 @contextmanager

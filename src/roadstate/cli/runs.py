@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from roadstate.cli.logs import Source
     from roadstate.cli.progress import Work
     from roadstate.estimators import Estimator
+    from roadstate.lateness import Late
     from roadstate.metrics import Metrics
     from roadstate.vehicles import Vehicle
 
@@ -29,12 +30,14 @@ class Run:
         log: the channels the estimators saw.
         results: estimator → estimates.
         metrics: estimator → quantity → errors; empty where the log has no reference.
+        late: channels that come late throughout.
     """
 
     name: str
     log: Log
     results: dict[str, Estimates]
     metrics: dict[str, dict[str, Metrics]]
+    late: list[Late]
 
 
 def run_log(
@@ -63,6 +66,7 @@ def run_log(
             channels would do for.
     """
     from roadstate.core.numerics import use_compilation_cache
+    from roadstate.lateness import lateness
     from roadstate.metrics import evaluate
     from roadstate.run.smooth import smoothable
 
@@ -75,7 +79,7 @@ def run_log(
     work.begin(f"{name}: {', '.join(chosen)}")
     results = dict(zip(chosen, _run_together(built, log, work, smooth), strict=True))
     metrics = {one: evaluate(estimates, log, settle=settle) for one, estimates in results.items()}
-    return Run(name, log, results, {one: m for one, m in metrics.items() if m})
+    return Run(name, log, results, {one: m for one, m in metrics.items() if m}, lateness(log, vehicle))
 
 
 def _built(name: str, vehicle: Vehicle, log: Log) -> Estimator[Any]:
@@ -141,12 +145,12 @@ def run_all(
         needs_reference: refuse a log without one.
 
     At its end the canonical channels that are in the files but could not be read, are empty or are spelt
-    otherwise are named on standard error, and those whose samples are repeated from row to row.
+    otherwise are named on standard error, and those whose samples are repeated from row to row or come late.
 
     Raises:
         InputError: names the file at fault.
     """
-    from roadstate.cli.left_out import blaming, empty_channels, held_channels, missed_channels
+    from roadstate.cli.left_out import blaming, empty_channels, held_channels, late_channels, missed_channels
     from roadstate.cli.logs import naming
 
     groups, mapping = source.groups(), source.load_mapping()
@@ -160,7 +164,7 @@ def run_all(
                 _check_reference(log, settle)
             run = run_log(name, log, vehicle, estimators, work, settle=settle, smooth=smooth)
         yield run
-        noted = missed | empty_channels(log) | held_channels(log.metadata)
+        noted = missed | empty_channels(log) | held_channels(log.metadata) | late_channels(run.late)
         notes += [InputError(what, where=str(file), mend=mend) for what, mend in noted.items()]
         work.begin("reading")
     for note in notes:  # not before the last log is done, since a refusal is to be the only line

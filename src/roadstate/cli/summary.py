@@ -54,6 +54,7 @@ def log_summary(run: Run) -> dict[str, Any]:
         "undecoded": list(log.metadata.get("undecoded", [])),
         "dropped": dict(log.metadata.get("dropped", {})),
         "held": dict(log.metadata.get("held", {})),
+        "late": [{"channels": one.channels, "seconds": one.seconds, "std": one.std} for one in run.late],
         "estimators": {name: estimates_summary(e) for name, e in run.results.items()},
         "metrics": {
             name: {quantity: m.to_json() for quantity, m in found.items()}

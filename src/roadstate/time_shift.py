@@ -1,0 +1,137 @@
+"""By how much one signal comes later than another that tells of the same motion."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+RATE = 25.0
+"""Samples per second of the grid that signals are compared on."""
+_LOW, _HIGH = 0.12, 3.0  # s: 1σ of the weights of the means which the band that is compared lies between
+_MOST = 0.6  # s
+_GAP = 1.1  # s between samples across which nothing is made up
+_BLOCK = 4.0  # s: errors so far apart are independent
+_BLOCKS = 5  # without so many nobody can tell
+LEAST_TIME = _BLOCK * _BLOCKS
+"""s that signals have to last."""
+_SUSPECT = 0.15  # of what does not fit may look like a shift throughout
+_ROUNDS = 6  # of weighting blocks by how well they fit
+_BOXES = 3  # moving means in a row that make a bell
+
+
+class TimeShift(NamedTuple):
+    """What comparing two signals says.
+
+    Attributes:
+        seconds: by which the second is later than the first.
+        std: 1σ of that, s.
+        correlation: of the two, once shifted.
+    """
+
+    seconds: float
+    std: float
+    correlation: float
+
+
+def on_grid(time: Array, values: Array, grid: Array) -> Array:
+    """Samples (T,) at ``time`` in s, brought onto ``grid`` of :data:`RATE`; NaN beside gaps."""
+    good = np.isfinite(values)
+    if np.count_nonzero(good) < 2:
+        return np.full(len(grid), np.nan)
+    stamps = time[good]
+    after = np.clip(np.searchsorted(stamps, grid), 1, len(stamps) - 1)
+    near = np.diff(stamps)[after - 1] <= _GAP
+    return np.where(near, np.interp(grid, stamps, values[good], np.nan, np.nan), np.nan)
+
+
+def smooth(values: Array, std: float = _LOW) -> Array:
+    """Mean over neighbours on the grid, weighted by a bell of so many s (1σ); NaN beside gaps."""
+    good = np.isfinite(values)
+    width = int(std * RATE * np.sqrt(12 / _BOXES)) | 1
+    total, count = np.where(good, values, 0.0), good.astype(float)
+    for _ in range(_BOXES):
+        total, count = _box(total, width), _box(count, width)
+    enough = good & (count > 0.5 * width**_BOXES)
+    return np.where(enough, total / np.maximum(count, 1.0), np.nan)
+
+
+def rate_of(values: Array) -> Array:
+    """Time derivative of the smoothed signal on the grid."""
+    return np.gradient(smooth(values)) * RATE
+
+
+def time_shift(first: Array, second: Array, used: NDArray[np.bool_]) -> TimeShift | None:
+    """By how much ``second`` is later than ``first``; ``None`` where too little is there, or it is too much.
+
+    Least squares second(t) ≈ g·first(t − τ) over gain g > 0 and τ within 0.6 s of none, in the band from
+    about 0.05 to 1.3 Hz. Blocks of 4 s count by how well they fit, so that a wheel's spinning or a kerb does
+    not decide. σ is that of an M-estimator (sandwich; Huber, *Robust Statistics*, ch. 6), so that errors may
+    be correlated within a block, and a share of what does not fit is taken to look like a shift throughout.
+
+    Args:
+        first, second: (N,) on the grid, NaN where missing.
+        used: (N,) where the two should agree.
+    """
+    if len(used) < LEAST_TIME * RATE:
+        return None
+    x, y = (np.where(used, _in_band(signal), np.nan) for signal in (first, second))
+    reach = int(_MOST * RATE)
+    shifted = np.stack([_moved(x, k) for k in range(-reach, reach + 1)])
+    common = np.isfinite(y) & np.all(np.isfinite(shifted), axis=0)
+    where = np.flatnonzero(common)
+    _, block = np.unique(where // int(_BLOCK * RATE), return_inverse=True)
+    if not len(where) or block[-1] + 1 < _BLOCKS:
+        return None
+    starts = np.flatnonzero(np.diff(block, prepend=-1))
+    X, Y = shifted[:, where], y[where]
+    xx, xy = (np.add.reduceat(of, starts, axis=1) for of in (X * X, X * Y))
+    yy, count = np.add.reduceat(Y * Y, starts), np.diff(starts, append=len(Y))
+    weight = np.ones(len(starts))
+    best, correlation = 0, np.zeros(len(X))
+    for _ in range(_ROUNDS):
+        size = (xx @ weight) * (yy @ weight)
+        correlation = (xy @ weight) / np.sqrt(np.maximum(size, np.finfo(float).tiny))
+        best = int(np.argmax(correlation))
+        gain = (xy[best] @ weight) / max(xx[best] @ weight, np.finfo(float).tiny)
+        misfit = np.maximum(yy - 2 * gain * xy[best] + gain**2 * xx[best], 0.0) / count
+        usual = float(np.median(misfit))
+        weight = usual / np.maximum(misfit, max(usual, np.finfo(float).tiny))
+    if best in (0, 2 * reach) or correlation[best] <= 0:
+        return None
+    before, at, after = correlation[best - 1 : best + 2]
+    part = 0.5 * (before - after) / (before - 2 * at + after)
+    gain = (xy[best] @ weight) / (xx[best] @ weight)
+    each = weight[block]
+    error = Y - gain * ((1 - abs(part)) * X[best] + abs(part) * X[best + (1 if part > 0 else -1)])
+    slope = -0.5 * gain * RATE * (X[best - 1] - X[best + 1])
+    slope -= X[best] * (np.sum(each * slope * X[best]) / np.sum(each * X[best] ** 2))
+    scores = np.add.reduceat(each * slope * error, starts)
+    sharp = np.sum(each * slope**2)
+    lasting = _SUSPECT * np.sqrt(np.sum(each * error**2) / sharp)
+    std = float(np.hypot(np.sqrt(np.sum(scores**2)) / sharp, lasting))
+    return TimeShift(float(best - reach + part) / RATE, std, float(at))
+
+
+def _in_band(values: Array) -> Array:
+    low = smooth(values)
+    return low - smooth(low, _HIGH)
+
+
+def _moved(values: Array, steps: int) -> Array:
+    """As if it came so many steps later."""
+    out = np.full(len(values), np.nan)
+    if steps >= 0:
+        out[steps:] = values[: len(values) - steps]
+    else:
+        out[:steps] = values[-steps:]
+    return out
+
+
+def _box(values: Array, width: int) -> Array:
+    """Sum over ``width`` neighbours, an odd number."""
+    summed = np.cumsum(np.pad(values, (width // 2 + 1, width // 2)))
+    return summed[width:] - summed[:-width]
