@@ -119,6 +119,19 @@ def test_what_tells_nothing(vehicle: Vehicle, how: dict[str, float]) -> None:
     assert not bool(radii.is_known(state))
 
 
+@pytest.mark.parametrize("speed", [5.0, 8.0, 20.0])
+@pytest.mark.parametrize("across", [0.5, 0.8, 1.5])
+def test_a_yaw_rate_that_lies_makes_no_difference(vehicle: Vehicle, speed: float, across: float) -> None:
+    """One whose sign is wrong, or that is stuck at none: else its witnesses would soon agree with it."""
+    radii = Radii(vehicle, WHEEL_SPEEDS)
+    rim = speed - np.array(vehicle.geometry.half_tracks) * across / speed
+    for lie in (-1.0, 0.0 if across > 0.8 else -1.0):
+        state = learned(radii, rim, 2.0, turning=lie * across / speed, across=across)
+        assert np.max(np.abs(state.faster)) == 0.0
+    right = learned(radii, rim, 2.0, turning=across / speed, across=across)
+    assert float(right.known.min()) > 5e4
+
+
 @pytest.mark.parametrize("rim", [[2.0, 2.1, 2.0, 2.0], [20.0, 26.0, 20.0, 20.0]], ids=["slow", "spinning"])
 def test_wheels_that_may_slip(vehicle: Vehicle, rim: list[float]) -> None:
     radii = Radii(vehicle, WHEEL_SPEEDS)

@@ -31,6 +31,7 @@ _OF_STEER = 0.2  # 1σ, over the square of the steering angle
 _ROLLS = 0.004  # slip that a wheel's force makes, of wheels that roll nearly freely
 _COASTS = 0.5  # m/s² along that a car has which nothing brakes or drives
 _STRAIGHT = 2.5  # m/s² across
+_ALIKE = 0.8  # m/s² by which that and the yaw rate's may differ: roads bank
 _SLOWEST = 4.0  # m/s
 _STEADY = 4.0  # m/s² by which no wheel gains more than the middle ones
 _LARGEST = 0.12  # a share by which no wheel that is mounted differs
@@ -146,7 +147,7 @@ class Radii(eqx.Module):
         gains = gains - inner_mean(gains, told)[0]
         across = jnp.where(seen.age[ACCEL_Y] < STALE, seen.smooth[ACCEL_Y], middle * turning)
         # a yaw rate that lies makes wheels differ, too
-        bends = jnp.abs(across) + jnp.abs(across - middle * turning)
+        bends = jnp.abs(across) + _STRAIGHT / _ALIKE * jnp.abs(across - middle * turning)
         rolls = (jnp.abs(slip) < _ROLLS) & (jnp.abs(gains) < _STEADY) & (jnp.abs(apart) < _LARGEST)
         rolls = jnp.all(rolls | ~told) & moves & (count > 1.5) & (bends < _STRAIGHT)
         settled = jnp.where(rolls & (jnp.abs(felt) < _COASTS), state.settled + dt, 0.0)
