@@ -75,7 +75,7 @@ class TestCurve:
 class TestBank:
     def test_a_share_that_nothing_tells_is_no_news_at_every_sample(self, vehicle: Vehicle) -> None:
         """Of wheels that slide on .2 two seem to bear .05 more, two .05 less, 1σ of that being .06."""
-        bank, dt = FrictionBank(vehicle, reads_roll=False), jnp.asarray(0.01)
+        bank, dt = FrictionBank(vehicle, ()), jnp.asarray(0.01)
         least = []
         for lasts in (0.0, 0.06):
             bears = touch([0.25, 0.25, 0.15, 0.15], 0.3)._replace(
@@ -89,7 +89,7 @@ class TestBank:
 
     def test_a_gyroscope_that_errs_moves_no_car_that_stands(self, vehicle: Vehicle) -> None:
         """At a walking pace the rear axle follows where it points, and a known bias turns it nowhere."""
-        motion = Sideways(vehicle, reads_roll=False)
+        motion = Sideways(vehicle, ())
         here = touch()._replace(speed=jnp.zeros(()), yaw_rate=jnp.asarray(0.02))
         x = jnp.zeros((SIZE, 2)).at[BIAS_R, 1].set(0.02)
         P = jnp.broadcast_to(motion.first[:, :, None], (SIZE, SIZE, 2))
@@ -111,7 +111,7 @@ class TestBank:
         self, vehicle: Vehicle, direction: float
     ) -> None:
         """A force that was there from the first sample on has not grown up to where it stays."""
-        bank, force, speed, turn = FrictionBank(vehicle, reads_roll=False), 0.3, 8.0, 0.3 * GRAVITY / 8.0
+        bank, force, speed, turn = FrictionBank(vehicle, ()), 0.3, 8.0, 0.3 * GRAVITY / 8.0
         slides = force / np.asarray(bank.motion.stiffness)
         sideways = -bank.motion.arm[1] * turn - direction * speed * slides[1]
         gives = np.asarray(bank.motion.give) * force
@@ -129,7 +129,7 @@ class TestBank:
 
     def test_a_car_that_sways_does_not_slide(self, vehicle: Vehicle) -> None:
         """At a crawl, as on a rough road: v_y follows what the tires bear, though no bank explains it."""
-        bank, time = FrictionBank(vehicle, reads_roll=False), np.arange(0, 4, 0.01)
+        bank, time = FrictionBank(vehicle, ()), np.arange(0, 4, 0.01)
         sways, bears = 0.03 * np.sin(7 * time), 0.03 * np.sin(5 * time)
         crawl = touch()._replace(speed=jnp.asarray(4.7))
         path = [
@@ -143,7 +143,7 @@ class TestBank:
 
     def test_what_nothing_tells_is_no_change(self, vehicle: Vehicle) -> None:
         """F_y begins where it is first known; a wheel that falls silent comes back as it was."""
-        bank = FrictionBank(vehicle, reads_roll=False)
+        bank = FrictionBank(vehicle, ())
         slip = 0.2 / float(bank.wheels.slip_stiffness)
         here = touch(0.2, slip / (1 - slip))._replace(across=jnp.full(2, 0.3))
         blind = here._replace(across_std=jnp.full(2, jnp.inf), along_std=jnp.full(4, jnp.inf))
@@ -166,7 +166,7 @@ class TestBank:
         self, vehicle: Vehicle, gyro_error: float
     ) -> None:
         """For 10 s of a bend nothing tells the motion across but what others make of the yaw rate."""
-        motion, turn = Sideways(vehicle, reads_roll=False), 0.1
+        motion, turn = Sideways(vehicle, ()), 0.1
         bend = touch()._replace(accel_y=jnp.asarray(15 * turn), yaw_rate=jnp.asarray(turn + gyro_error))
         lost = bend._replace(across_std=jnp.full(2, jnp.inf))
         x, P = jnp.zeros((SIZE, 1)), motion.first[:, :, None]
@@ -178,9 +178,18 @@ class TestBank:
         assert 0.03 * 15 <= std < 0.05 * 15
         assert np.linalg.eigvalsh(P[:, :, 0]).min() > 0
 
+    def test_what_steers_gives_less_the_nearer_it_is_measured(self, vehicle: Vehicle) -> None:
+        """The file's front stiffness is the axle's, steering and all; the tires are stiffer."""
+        column, wheel = Sideways(vehicle, ("steering_wheel",)), Sideways(vehicle, ("steer",))
+        assert 0 < float(wheel.give[0]) < float(column.give[0]) / 2
+        axle = 1 / vehicle.tires.cornering_stiffness_front
+        for motion in (column, wheel):
+            assert float(motion.give[0] + 1 / motion.stiffness[0]) == pytest.approx(axle)
+        assert float(wheel.give[1]) == float(column.give[1])
+
     def test_a_car_slides_less_far_where_the_road_is_slippery(self, vehicle: Vehicle) -> None:
         """At their limit tires tell nothing of the sideslip; what is left is how far a driven car slides."""
-        bank = FrictionBank(vehicle, reads_roll=False)
+        bank = FrictionBank(vehicle, ())
         std = {}
         for used in (0.3, 0.9):
             bears = touch()._replace(across=jnp.full(2, used))
@@ -192,7 +201,7 @@ class TestBank:
 
     def test_sliding_wheels_tell_the_friction_at_once(self, vehicle: Vehicle) -> None:
         # far beyond the peak: 0.28 is what a friction of 0.33 leaves there, and no slip error matters
-        low, middle, high = self.after(FrictionBank(vehicle, reads_roll=False), 0.3, along=0.28, slip=0.25)
+        low, middle, high = self.after(FrictionBank(vehicle, ()), 0.3, along=0.28, slip=0.25)
         assert low < 0.33 < high
         assert middle < 0.5
 
@@ -201,7 +210,7 @@ class TestBank:
         self, vehicle: Vehicle, inner: float
     ) -> None:
         """An axle bears across what its wheels do, each as much as it is loaded."""
-        bank = FrictionBank(vehicle, reads_roll=False)
+        bank = FrictionBank(vehicle, ())
         bears = jnp.tile(jnp.asarray([inner, 1 - inner]), 2)
         soft = 1 - 0.4 * (1 - 2 * inner) ** 2
         truth, sideways = 0.85, 1.5
@@ -219,13 +228,13 @@ class TestBank:
         assert float(bank.likeliest(state)[0]) == pytest.approx(truth, rel=0.1)
 
     def test_gentle_driving_tells_a_lower_bound_only(self, vehicle: Vehicle) -> None:
-        low, _, high = self.after(FrictionBank(vehicle, reads_roll=False), 3.0, along=0.1, slip=0.1 / 22)
+        low, _, high = self.after(FrictionBank(vehicle, ()), 3.0, along=0.1, slip=0.1 / 22)
         assert low < 0.4
         assert high > 1.0
 
     def test_wheels_that_slide_on_one_side_tell_of_that_side(self, vehicle: Vehicle) -> None:
         """Locked left wheels at 0.13, right ones that brake with 0.27 and hardly slip."""
-        bank = FrictionBank(vehicle, reads_roll=False)
+        bank = FrictionBank(vehicle, ())
         rolling = touch(0.0, 0.0)
         braking = touch([-0.13, -0.27, -0.13, -0.27], [-0.9, -0.27 / 22, -0.9, -0.27 / 22])
         state = self.driven(bank, (1.0, rolling), (1.0, braking))
@@ -242,7 +251,7 @@ class TestBank:
     def test_what_may_be_ice_or_asphalt_is_told_as_the_likelier_of_both(self, vehicle: Vehicle) -> None:
         """Before anything is known: the file's friction, with a deviation about that, though the median of
         all roads lies between."""
-        bank = FrictionBank(vehicle, reads_roll=False)
+        bank = FrictionBank(vehicle, ())
         state = bank.init()
         told = bank.likeliest(state)
         median = np.asarray(bank.quantiles(state, (0.5,)))[0]
@@ -253,7 +262,7 @@ class TestBank:
         assert np.asarray(bank.std(state, told)) == pytest.approx(about, rel=0.03)
 
     def test_the_likeliest_of_a_part_that_is_two_is_their_mean(self, vehicle: Vehicle) -> None:
-        bank = FrictionBank(vehicle, reads_roll=False)
+        bank = FrictionBank(vehicle, ())
         braking = touch([-0.13, -0.27, -0.13, -0.27], [-0.9, -0.27 / 22, -0.9, -0.27 / 22])
         told = np.asarray(bank.likeliest(self.driven(bank, (1.0, touch(0.0, 0.0)), (1.0, braking))))
         at = {view: i for i, view in enumerate(VIEWS)}
@@ -263,7 +272,7 @@ class TestBank:
 
     def test_a_wheel_that_is_worn_is_known_by_its_rolling(self, vehicle: Vehicle) -> None:
         """Rolling freely it seems to slip 4 ‰: that is its radius, not friction."""
-        bank = FrictionBank(vehicle, reads_roll=False)
+        bank = FrictionBank(vehicle, ())
         state = self.driven(bank, (30.0, touch(0.0, [0.004, 0.0, 0.0, 0.0])))
         offsets = np.asarray(state.y)[[0, 2], 2] @ np.asarray(state.weight).sum(axis=0)[5]
         assert 0.0025 < offsets[0] < 0.0042
@@ -271,7 +280,7 @@ class TestBank:
 
     def test_a_wheel_on_ice_teaches_the_one_behind_it_nothing_of_its_tire(self, vehicle: Vehicle) -> None:
         """For .2 s the front wheels slide on ice and the rear ones brake on asphalt, then all are on ice."""
-        bank = FrictionBank(vehicle, reads_roll=False)
+        bank = FrictionBank(vehicle, ())
         dry = touch(-0.7, -0.05)
         joint = touch([-0.13, -0.13, -0.7, -0.7], [-0.7, -0.7, -0.05, -0.05])
         both = self.driven(bank, (1.0, dry), (0.2, joint))
@@ -286,7 +295,7 @@ class TestBank:
 
     def test_a_load_told_wrong_is_no_friction(self, vehicle: Vehicle) -> None:
         """Forces that are said to be 5 % more than they are, for however long, leave .8 within the bounds."""
-        bank = FrictionBank(vehicle, reads_roll=False)
+        bank = FrictionBank(vehicle, ())
         slips = np.array([0.02, 0.05, 0.08, 0.11])
         braked = [0.8 * 1.05 * np.sin(1.45 * np.arctan(20 * s / 0.8 / 1.45)) for s in slips]
         phases = [(1.0, touch(-f, -s)) for f, s in zip(braked, slips, strict=True)] * 3
@@ -295,7 +304,7 @@ class TestBank:
 
     def test_no_tire_bears_more_than_the_friction(self, vehicle: Vehicle) -> None:
         """After ice comes asphalt, of which only forces tell: the speed is known too badly for any slip."""
-        bank = FrictionBank(vehicle, reads_roll=False)
+        bank = FrictionBank(vehicle, ())
         icy, dry = touch(-0.14, -0.25), touch(-0.6, -0.05)
         unsure = dry._replace(slip_shared=jnp.asarray(0.2))
         before, after = (
@@ -307,7 +316,7 @@ class TestBank:
 
     def test_nothing_of_a_step_is_in_double_precision(self, vehicle: Vehicle) -> None:
         """One number in double precision that meets the hypotheses doubles the work from there on."""
-        bank = FrictionBank(vehicle, reads_roll=False)
+        bank = FrictionBank(vehicle, ())
         step = jax.make_jaxpr(lambda s, t, dt: bank.step(s, in_single(t), in_single(dt))[0])
         traced = step(bank.init(), touch(), jnp.asarray(0.01))
         many = [v.aval for e in equations(traced.jaxpr) for v in e.outvars if v.aval.size > 1]
@@ -316,7 +325,7 @@ class TestBank:
         assert floats == {jnp.dtype("float32")}
 
     def test_weights_stay_a_distribution(self, vehicle: Vehicle) -> None:
-        bank = FrictionBank(vehicle, reads_roll=False)
+        bank = FrictionBank(vehicle, ())
         state, _ = bank.step(bank.init(), touch(0.5, 0.03), jnp.asarray(0.01))
         total = np.asarray(state.weight).sum(axis=(0, 2))
         np.testing.assert_allclose(total, 1, rtol=1e-6)
@@ -324,7 +333,7 @@ class TestBank:
 
 def test_noise_does_not_wear_the_stiffness_away(vehicle: Vehicle) -> None:
     # a steady bend on a level road, with white noise on acceleration and yaw rate
-    bank, rng = FrictionBank(vehicle, reads_roll=False), np.random.default_rng(1)
+    bank, rng = FrictionBank(vehicle, ()), np.random.default_rng(1)
     speed, used = 15.0, 0.15
     angles = [used / vehicle.tires.cornering_stiffness_front, used / vehicle.tires.cornering_stiffness_rear]
     held = GRAVITY * used
@@ -350,7 +359,7 @@ def test_noise_does_not_wear_the_stiffness_away(vehicle: Vehicle) -> None:
 @pytest.mark.parametrize("friction", [0.6, 0.9])
 def test_a_steering_that_gives_is_no_grip(vehicle: Vehicle, friction: float) -> None:
     """A bend ever sharper, on a car whose steering gives half as much as its file would have it."""
-    bank = FrictionBank(vehicle, reads_roll=False)
+    bank = FrictionBank(vehicle, ())
     motion, dt, speed = bank.motion, 0.02, 15.0
     gives = np.asarray(motion.give) * np.array([0.5, 1.0])
     used = np.linspace(0.05, 0.93 * friction, 1500)

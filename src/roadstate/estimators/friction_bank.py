@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import TYPE_CHECKING, NamedTuple
 
 import equinox as eqx
@@ -164,7 +165,7 @@ class FrictionBank(eqx.Module):
     wheels: Wheels
     _shake: Float[Array, ""]
 
-    def __init__(self, vehicle: Vehicle, *, reads_roll: bool) -> None:
+    def __init__(self, vehicle: Vehicle, available: Collection[str]) -> None:
         tires = vehicle.tires
         grid = np.geomspace(_LEAST, _LARGEST, _COUNT)
         spread = float(np.hypot(vehicle.prior.friction_relative, 1e-3))
@@ -173,7 +174,7 @@ class FrictionBank(eqx.Module):
         other = 1 / (1 + (grid / tires.friction) ** 8)
         prior = (1 - _ELSEWHERE) * dry / dry.sum() + _ELSEWHERE * other / other.sum()
         self.friction, self.prior = in_single((jnp.asarray(grid), jnp.asarray(prior)))
-        self.motion, self.wheels = in_single((Sideways(vehicle, reads_roll=reads_roll), Wheels(vehicle)))
+        self.motion, self.wheels = in_single((Sideways(vehicle, available), Wheels(vehicle)))
         # what the low pass leaves of the accelerometer's white noise in a force over load
         shake = leaf(vehicle.sensors.accel.noise_density / GRAVITY / (2 * SMOOTHING) ** 0.5)
         self._shake = in_single(shake)

@@ -199,7 +199,7 @@ class Joint(Estimator[JointState]):
             forces=forces,
             along=model,
             filter=EKF(gate=GateRule(patience=_PATIENCE)),
-            bank=FrictionBank(vehicle, reads_roll="roll_rate" in available),
+            bank=FrictionBank(vehicle, available),
             pitch=PitchMeter(vehicle),
             roll=RollMeter(vehicle),
             inputs=AlongIntake(vehicle, model.sensors, available, knows_brakes=forces.knows_brakes),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import TYPE_CHECKING, NamedTuple
 
 import equinox as eqx
@@ -45,8 +46,9 @@ _AT_REST = 0.05  # m/s: 1σ of v_y then
 _LOST = (0.5, 0.03)
 _LASTS = np.isin(np.arange(SIZE), [BIAS_Y, STIFF_F, STIFF_R, SHAPE, GIVE_F, STEER_BIAS, BIAS_R])
 _ALIKE = 0.7  # correlation of what front and rear tires are stiffer than the file says: they are of one make
-# share of steering and suspension in what the front axle is softer than the rear, and 1σ
-_GIVE = (0.75, 0.25)
+# share of steering and suspension in what the front axle is softer than the rear, and 1σ: from the steering
+# wheel on; from a wheel's own angle on, which may yet be a steering wheel's by the ratio
+_GIVE = ((0.75, 0.25), (0.25, 0.35))
 _REAR_GIVE = 0.03  # share that the suspension has in the rear axle's softness
 _LEAST_GIVE = 0.03  # 1σ of what the front suspension gives, over the axle's softness, at the least
 _ACCEL = 0.01  # m/s²/√Hz: white error of what moves the car sideways, however good the accelerometer
@@ -123,8 +125,8 @@ class Sideways(eqx.Module):
     road: GradePrior
     white: Float[Array, ""]
 
-    def __init__(self, vehicle: Vehicle, *, reads_roll: bool) -> None:
-        self.reads_roll = reads_roll
+    def __init__(self, vehicle: Vehicle, available: Collection[str]) -> None:
+        self.reads_roll = "roll_rate" in available
         prior, sensors = vehicle.prior, vehicle.sensors
         bank = GRAVITY * prior.bank_std
         rate = bank * 3**0.5 / BANK_LENGTH
@@ -133,13 +135,14 @@ class Sideways(eqx.Module):
         soft = 1 / np.array([vehicle.tires.cornering_stiffness_front, vehicle.tires.cornering_stiffness_rear])
         softer = max(soft[0] - soft[1], 0.0)
         # no more than the file says it may err in the axle's softness as a whole
-        give = min(max(_GIVE[1] * softer, _LEAST_GIVE * soft[0]), stiff * soft[0])
+        share, unsure = _GIVE["steer" in available]
+        give = min(max(unsure * softer, _LEAST_GIVE * soft[0]), stiff * soft[0])
         gyro = sensors.yaw_rate.bias
         std = np.array([1.0, bank, rate, bias, stiff, stiff, shape, give, steer, _LEVER, gyro])
         alike = np.eye(SIZE)
         alike[STIFF_F, STIFF_R] = alike[STIFF_R, STIFF_F] = _ALIKE
         self.first = jnp.asarray(alike * np.outer(std, std))
-        self.give = jnp.asarray(np.array([_GIVE[0] * softer, _REAR_GIVE * soft[1]]))
+        self.give = jnp.asarray(np.array([share * softer, _REAR_GIVE * soft[1]]))
         self.stiffness = 1 / (jnp.asarray(soft) - self.give)
         self.road = GradePrior(leaf(bank), leaf(BANK_LENGTH))
         self.white = jnp.maximum(leaf(sensors.accel.noise_density), _ACCEL)
