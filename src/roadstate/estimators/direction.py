@@ -156,12 +156,5 @@ def _turned(raw: Signals, way: Float[Array, ""], withheld: Bool[Array, ""]) -> S
     is_wheel = np.arange(8) >= SPIN.start
     factor = jnp.where(is_wheel, way, 1.0)
     missing = withheld & is_wheel
-    return raw._replace(
-        value=factor * raw.value,
-        smooth=factor * raw.smooth,
-        rate=factor * raw.rate,
-        now=factor * raw.now,
-        now_rate=factor * raw.now_rate,
-        age=jnp.where(missing, jnp.maximum(raw.age, 2 * STALE), raw.age),
-        is_fresh=raw.is_fresh & ~missing,
-    )
+    age = jnp.where(missing, jnp.maximum(raw.age, 2 * STALE), raw.age)
+    return raw.scaled(factor)._replace(age=age, is_fresh=raw.is_fresh & ~missing)

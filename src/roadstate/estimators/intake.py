@@ -134,6 +134,12 @@ class Signals(NamedTuple):
     shaken: Float[Array, " 2"]
     is_faulty: Bool[Array, " 8"]
 
+    def scaled(self, factor: Float[Array, " 8"]) -> Signals:
+        """As if each were so many times as large."""
+        value, smooth, rate = factor * self.value, factor * self.smooth, factor * self.rate
+        now, now_rate = factor * self.now, factor * self.now_rate
+        return self._replace(value=value, smooth=smooth, rate=rate, now=now, now_rate=now_rate)
+
 
 class Intake(eqx.Module):
     """Takes samples of whatever inertial, steering and wheel signals there are.

@@ -102,14 +102,7 @@ class Radii(eqx.Module):
 
     def even(self, state: RadiiState, seen: Signals) -> Signals:
         """Signals with wheels that turn as if all radii were alike."""
-        share = jnp.ones(8).at[SPIN].set(1 / (1 + state.faster))
-        return seen._replace(
-            value=share * seen.value,
-            smooth=share * seen.smooth,
-            rate=share * seen.rate,
-            now=share * seen.now,
-            now_rate=share * seen.now_rate,
-        )
+        return seen.scaled(jnp.ones(8).at[SPIN].set(1 / (1 + state.faster)))
 
     def learn(
         self,
