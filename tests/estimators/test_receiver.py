@@ -56,6 +56,17 @@ def test_speed_while_braking(vehicle: Vehicle, late: float, bigger: float) -> No
     assert np.abs(error[200:]).max() < 0.16
 
 
+@pytest.mark.parametrize("bigger", [0.92, 0.95, 1.05, 1.08])
+def test_wheels_of_another_car(vehicle: Vehicle, bigger: float) -> None:
+    """A vehicle file that is only nearly the car's: the receiver is right, and nothing is at fault."""
+    log, true = braking(vehicle, late=0.06, bigger=bigger, seed=1)
+    found = scan(build("joint", vehicle, log.available), log)
+    assert not found.metadata["faults"]
+    error, std = found.values["speed"] - true, found.std["speed"]
+    assert np.mean(np.abs(error / std)[100:] < 1.96) > 0.9
+    assert np.abs(error[300:]).max() < 0.25
+
+
 def test_one_sample_of_everything_is_no_exact_speed(vehicle: Vehicle) -> None:
     log, _ = braking(vehicle, late=0.06, bigger=1.0, seed=2)
     first = scan(build("joint", vehicle, log.available), log).std["speed"][0]

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 SPEED, SLOPE, SLOPE_RATE, BIAS, SCALE = range(5)
 _ACCEL_SCALE = 0.01  # 1σ of the accelerometer's scale
+_RADIUS = 3.0  # times what the file says may the radius err that a speed is there to correct
 _LASTING = 3600.0  # s over which what belongs to the car or its sensors keeps its value
 _BRAKE_LASTING = 600.0  # s: pads warm up
 _CAUGHT = 2.0  # m/s: 1σ of what a sensor's lies do to the speed until they are found
@@ -155,7 +156,7 @@ class AlongModel(StateSpaceModel):
             if not at_wheels:  # low gears multiply what an engine's torque is off by
                 slow["torque_zero"] = (torque.bias, _LASTING)
         if wheels and "speed" in available:
-            slow["wheel_radius"] = (sensors.wheel_speed.scale, _LASTING)
+            slow["wheel_radius"] = (_RADIUS * sensors.wheel_speed.scale, _LASTING)
         if "speed" in available:
             slow["speed_lag"] = (LATE[1], _LASTING)
         aids = [c for c in ("speed", "altitude", "vertical_speed") if c in available]

@@ -305,6 +305,9 @@ class Joint(Estimator[JointState]):
         late = self.watch.lateness(watch, WHEEL_SPEEDS) * gain / jnp.maximum(jnp.abs(speed), 1.0)
         touch = touch._replace(slip_shared=rss(touch.slip_shared, jnp.max(jnp.abs(late))))
         bank, likelihood = once(self.bank.step(state.bank, touch, dt))
+        share = 1 + rolling[0]
+        if "wheel_radius" in self.along.states:
+            raw = raw.scaled(jnp.ones(8).at[SPIN].set(share))
         trust = self.trust.test(
             state.trust, raw, balance, signal, speed, across[V_Y], held.repeats >= REPEATS, dt
         )
@@ -316,10 +319,10 @@ class Joint(Estimator[JointState]):
         trust = once(select(turned, self.trust.init(), trust))
         moved = self.radii.has_moved(radii)
         caught = jnp.any(found) | turned | moved
-        rolls = jnp.where(jnp.any(seen.is_fresh[SPIN]), contact.rolling, speed)
+        rolls = jnp.where(jnp.any(seen.is_fresh[SPIN]), share * contact.rolling, speed)
         against = state.against
         if "speed" in self.channels and any(self.signals.has[SPIN]):
-            rims = self.forces.car.wheel_radius * seen.value[SPIN], seen.is_fresh[SPIN]
+            rims = share * self.forces.car.wheel_radius * seen.value[SPIN], seen.is_fresh[SPIN]
             against = outvoted(against, sample["speed"], *rims, rolls, speed, forces.accel[0])
         contradicted = jnp.where(jnp.abs(rolls - speed) > WRONG, state.against + dt / _ROLLED, 0.0)
         against = jnp.where(contact.rolls, contradicted, against)
