@@ -186,6 +186,22 @@ def test_shift_among_noise() -> None:
     assert 0.1 < np.sqrt(np.mean(z**2)) < 1.0
 
 
+@pytest.mark.parametrize("noisy", ["first", "second"])
+def test_noise_of_either_is_no_precision(noisy: str) -> None:
+    """A rate made of a noisy signal, whose own slope is mostly noise, against a slow wave."""
+    z = []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        slow = 0.5 * np.cos(0.5 * GRID)
+        rough = slow + rate_of(0.2 * rng.standard_normal(len(GRID)))
+        found = time_shift(*((rough, slow) if noisy == "first" else (slow, rough)), ALWAYS)
+        if found is not None:
+            z.append(found.seconds / found.std)
+    assert len(z) > 5
+    assert np.sqrt(np.mean(np.square(z))) < 1.3
+    assert np.max(np.abs(z)) < 3
+
+
 def test_outliers_do_not_decide() -> None:
     rng = np.random.default_rng(2)
     x, y = wave(GRID, rng), wave(GRID - 0.2, np.random.default_rng(2))

@@ -18,7 +18,7 @@ _BLOCK = 4.0  # s: errors so far apart are independent
 _BLOCKS = 5  # without so many nobody can tell
 LEAST_TIME = _BLOCK * _BLOCKS
 """s that signals have to last."""
-_SUSPECT = 0.15  # of what does not fit may look like a shift throughout
+_SUSPECT = 0.11  # of what does not fit may look like a shift throughout
 _ROUNDS = 6  # of weighting blocks by how well they fit
 _BOXES = 3  # moving means in a row that make a bell
 
@@ -110,7 +110,10 @@ def time_shift(first: Array, second: Array, used: NDArray[np.bool_]) -> TimeShif
     slope = -0.5 * gain * RATE * (X[best - 1] - X[best + 1])
     slope -= X[best] * (np.sum(each * slope * X[best]) / np.sum(each * X[best] ** 2))
     scores = np.add.reduceat(each * slope * error, starts)
-    sharp = np.sum(each * slope**2)
+    # by both slopes: of one alone, noise would make it look sharp
+    sharp = -np.sum(each * slope * (np.gradient(y) * RATE)[where])
+    if sharp <= 0:
+        return None
     lasting = _SUSPECT * np.sqrt(np.sum(each * error**2) / sharp)
     std = float(np.hypot(np.sqrt(np.sum(scores**2)) / sharp, lasting))
     return TimeShift(float(best - reach + part) / RATE, std, float(at))

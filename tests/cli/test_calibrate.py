@@ -42,6 +42,20 @@ def test_writes_a_vehicle_file(run: Run, noisy: Path, tmp_path: Path) -> None:
     assert "noisy" in new.source
 
 
+def test_a_channel_that_comes_late_is_named(run: Run, tmp_path: Path) -> None:
+    """What is learned from it would be wrong."""
+    random = np.random.default_rng(5)
+    time = np.arange(0.0, 60.0, 0.05)
+    speed = 20 + 5 * np.sin(0.3 * time) + np.sin(1.3 * time) + 0.02 * random.normal(size=len(time))
+    accel = 1.5 * np.cos(0.3 * (time - 0.3)) + 1.3 * np.cos(1.3 * (time - 0.3))
+    accel += 0.05 * random.normal(size=len(time))
+    file = write(Log(time, {"speed": speed, "accel_x": accel}), tmp_path / "late.csv")
+    end = run("calibrate", file, "-v", "family-car", "--tune", "-e", "kmbe")
+    assert end.status == 0
+    assert end.err.startswith(f"{file}: accel_x: 0.3")
+    assert end.err.endswith("add 300 ms to its 'delay' in the mapping\n")
+
+
 def test_table(run: Run, noisy: Path) -> None:
     end = run("calibrate", noisy, "-v", "family-car", "-l", "friction", "--tune", "-e", "kmbe")
     assert (end.status, end.err) == (0, "")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -73,9 +74,11 @@ def calibrate(
     from roadstate.calibration import calibrate as fit
     from roadstate.calibration import learned_yaml, select
     from roadstate.cli.console import print_json
+    from roadstate.cli.left_out import notes
     from roadstate.cli.outputs import staged_file
     from roadstate.cli.progress import working
     from roadstate.core.numerics import use_compilation_cache
+    from roadstate.lateness import lateness
     from roadstate.vehicles import load_vehicle, vehicle_text
 
     car = load_vehicle(vehicle)
@@ -100,6 +103,10 @@ def calibrate(
         text = learned_yaml(vehicle_text(vehicle), vehicle, found)
         if temporary is not None:
             temporary.write_text(text, encoding="utf-8")
+    mapping_of, first = source.load_mapping(), source.groups()
+    for name, log in logs.items():
+        for note in notes(first[name][0], log, mapping_of, lateness(log, car)):
+            print(note, file=sys.stderr)
     if as_json:
         print_json(facts(found, out))
     else:

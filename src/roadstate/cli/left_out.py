@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from roadstate.core import CHANNELS, InputError
@@ -83,6 +84,20 @@ def late_channels(late: Iterable[Late]) -> dict[str, str]:
         what = f"{_some(one.channels)}: {one.seconds:.2f} ± {one.std:.2f} s later than the other channels"
         said[what] = f"add {round(100 * one.seconds)}0 ms to its 'delay' in the mapping"
     return said
+
+
+def notes(file: Path, log: Log, mapping: io.Mapping, late: Iterable[Late]) -> list[InputError]:
+    """What a user had better know of a log that was taken as it is, a line each.
+
+    Args:
+        file: to name.
+        log: as the estimators see it.
+        mapping: that made it.
+        late: channels of it that come late.
+    """
+    found = missed_channels(log.metadata, mapping) | empty_channels(log)
+    found |= held_channels(log.metadata) | late_channels(late)
+    return [InputError(what, where=str(file), mend=mend) for what, mend in found.items()]
 
 
 @contextmanager

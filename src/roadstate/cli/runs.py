@@ -150,24 +150,22 @@ def run_all(
     Raises:
         InputError: names the file at fault.
     """
-    from roadstate.cli.left_out import blaming, empty_channels, held_channels, late_channels, missed_channels
+    from roadstate.cli.left_out import blaming, missed_channels, notes
     from roadstate.cli.logs import naming
 
     groups, mapping = source.groups(), source.load_mapping()
-    notes: list[InputError] = []
+    noted: list[InputError] = []
     work.begin(f"reading {', '.join(groups)}")
     for name, log in source.logs(vehicle):
         file = groups[name][0]
-        missed = missed_channels(log.metadata, mapping)
-        with naming(file), blaming(missed):
+        with naming(file), blaming(missed_channels(log.metadata, mapping)):
             if needs_reference:
                 _check_reference(log, settle)
             run = run_log(name, log, vehicle, estimators, work, settle=settle, smooth=smooth)
         yield run
-        noted = missed | empty_channels(log) | held_channels(log.metadata) | late_channels(run.late)
-        notes += [InputError(what, where=str(file), mend=mend) for what, mend in noted.items()]
+        noted += notes(file, log, mapping, run.late)
         work.begin("reading")
-    for note in notes:  # not before the last log is done, since a refusal is to be the only line
+    for note in noted:  # not before the last log is done, since a refusal is to be the only line
         print(note, file=sys.stderr)
 
 
