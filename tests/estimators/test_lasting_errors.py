@@ -58,7 +58,7 @@ def driven(bank: FrictionBank, seed: int) -> tuple[Touch, Numbers]:
 
 def test_sideslip_is_as_sure_as_a_lasting_error_leaves_it(vehicle: Vehicle) -> None:
     """What a tire errs by for 12 s does not hide that the car slides aside within one."""
-    bank = FrictionBank(vehicle, reads_roll=False)
+    bank = FrictionBank(vehicle, ())
     drives = [driven(bank, seed) for seed in range(SEEDS)]
     touches = jax.tree.map(lambda *leaves: jnp.stack(leaves), *(touch for touch, _ in drives))
 

@@ -195,7 +195,7 @@ def test_a_bump_comes_and_goes_and_a_road_begins_and_stays() -> None:
 def middle() -> Callable[[Array, Array], Array]:
     """Slips and forces (k, 4) → lower bounds and middle values of the front and the rear wheels' friction at
     the end."""
-    bank = FrictionBank(load_vehicle("suv"), reads_roll=False)
+    bank = FrictionBank(load_vehicle("suv"), ())
 
     @jax.jit
     def run(slips: Array, forces: Array) -> Array:
