@@ -21,6 +21,8 @@ LEAST_TIME = _BLOCK * _BLOCKS
 _SUSPECT = 0.11  # of what does not fit may look like a shift throughout
 _ROUNDS = 6  # of weighting blocks by how well they fit
 _BOXES = 3  # moving means in a row that make a bell
+_EXACT = 1e-9  # of the power: less misfit is rounding
+_TINY = np.finfo(float).tiny
 
 
 class TimeShift(NamedTuple):
@@ -76,47 +78,50 @@ def time_shift(first: Array, second: Array, used: NDArray[np.bool_]) -> TimeShif
         first, second: (N,) on the grid, NaN where missing.
         used: (N,) where the two should agree.
     """
-    if len(used) < LEAST_TIME * RATE:
-        return None
     x, y = (np.where(used, _in_band(signal), np.nan) for signal in (first, second))
     reach = int(_MOST * RATE)
-    shifted = np.stack([_moved(x, k) for k in range(-reach, reach + 1)])
-    common = np.isfinite(y) & np.all(np.isfinite(shifted), axis=0)
-    where = np.flatnonzero(common)
+    where = np.flatnonzero(_is_clear(x, reach + 1) & _is_clear(y, 1))
     _, block = np.unique(where // int(_BLOCK * RATE), return_inverse=True)
     if not len(where) or block[-1] + 1 < _BLOCKS:
         return None
-    starts = np.flatnonzero(np.diff(block, prepend=-1))
-    X, Y = shifted[:, where], y[where]
-    xx, xy = (np.add.reduceat(of, starts, axis=1) for of in (X * X, X * Y))
+    starts, Y = np.flatnonzero(np.diff(block, prepend=-1)), y[where]
+
+    def later(steps: int) -> Array:
+        """The first as if it came so many steps later."""
+        return x[where - steps]
+
+    shifts = np.arange(-reach, reach + 1)
+    products = [[np.add.reduceat(of, starts) for of in (X * X, X * Y)] for X in map(later, shifts.tolist())]
+    xx, xy = np.moveaxis(np.array(products), 1, 0)
     yy, count = np.add.reduceat(Y * Y, starts), np.diff(starts, append=len(Y))
+    exact = max(_EXACT * float(np.mean(yy / count)), _TINY)
     weight = np.ones(len(starts))
-    best, correlation = 0, np.zeros(len(X))
+    best, gain, correlation = 0, 0.0, np.zeros(len(shifts))
     for _ in range(_ROUNDS):
         size = (xx @ weight) * (yy @ weight)
-        correlation = (xy @ weight) / np.sqrt(np.maximum(size, np.finfo(float).tiny))
+        correlation = (xy @ weight) / np.sqrt(np.maximum(size, _TINY))
         best = int(np.argmax(correlation))
-        gain = (xy[best] @ weight) / max(xx[best] @ weight, np.finfo(float).tiny)
+        gain = (xy[best] @ weight) / max(xx[best] @ weight, _TINY)
         misfit = np.maximum(yy - 2 * gain * xy[best] + gain**2 * xx[best], 0.0) / count
-        usual = float(np.median(misfit))
-        weight = usual / np.maximum(misfit, max(usual, np.finfo(float).tiny))
+        usual = max(float(np.median(misfit)), exact)
+        weight = usual / np.maximum(misfit, usual)
     if best in (0, 2 * reach) or correlation[best] <= 0:
         return None
     before, at, after = correlation[best - 1 : best + 2]
     part = 0.5 * (before - after) / (before - 2 * at + after)
-    gain = (xy[best] @ weight) / (xx[best] @ weight)
+    earlier, X, behind = (later(shifts[best] + k) for k in (-1, 0, 1))
     each = weight[block]
-    error = Y - gain * ((1 - abs(part)) * X[best] + abs(part) * X[best + (1 if part > 0 else -1)])
-    slope = -0.5 * gain * RATE * (X[best - 1] - X[best + 1])
-    slope -= X[best] * (np.sum(each * slope * X[best]) / np.sum(each * X[best] ** 2))
+    error = Y - gain * ((1 - abs(part)) * X + abs(part) * (behind if part > 0 else earlier))
+    slope = 0.5 * gain * RATE * (behind - earlier)
+    slope -= X * (np.sum(each * slope * X) / np.sum(each * X**2))
     scores = np.add.reduceat(each * slope * error, starts)
     # by both slopes: of one alone, noise would make it look sharp
-    sharp = -np.sum(each * slope * (np.gradient(y) * RATE)[where])
+    sharp = -np.sum(each * slope * 0.5 * RATE * (y[where + 1] - y[where - 1]))
     if sharp <= 0:
         return None
     lasting = _SUSPECT * np.sqrt(np.sum(each * error**2) / sharp)
     std = float(np.hypot(np.sqrt(np.sum(scores**2)) / sharp, lasting))
-    return TimeShift(float(best - reach + part) / RATE, std, float(at))
+    return TimeShift(float(shifts[best] + part) / RATE, std, float(at))
 
 
 def _in_band(values: Array) -> Array:
@@ -124,14 +129,9 @@ def _in_band(values: Array) -> Array:
     return low - smooth(low, _HIGH)
 
 
-def _moved(values: Array, steps: int) -> Array:
-    """As if it came so many steps later."""
-    out = np.full(len(values), np.nan)
-    if steps >= 0:
-        out[steps:] = values[: len(values) - steps]
-    else:
-        out[:steps] = values[-steps:]
-    return out
+def _is_clear(values: Array, reach: int) -> NDArray[np.bool_]:
+    """Whether nothing is missing from so many steps before to as many after."""
+    return _box(np.isfinite(values).astype(float), 2 * reach + 1) > 2 * reach + 0.5
 
 
 def _box(values: Array, width: int) -> Array:
