@@ -78,7 +78,7 @@ class Evaluation:
 
 class _Prepared(NamedTuple):
     name: str
-    log: Log
+    time: Numbers
     samples: Numbers
     dt: Numbers
     channels: frozenset[str]
@@ -121,12 +121,14 @@ class Likelihood:
             except InputError as error:
                 raise InputError(error.what, where=error.where or name, mend=error.mend) from error
             judges = self._judges(built.sensors, bank_of(built) is not None)
-            self._prepared.append(_Prepared(name, log, *inputs(built, log), channels, judges))
+            samples, dt, own = inputs(built, log)
+            time = np.interp(np.arange(len(samples)), own, log.time)
+            self._prepared.append(_Prepared(name, time, samples, dt, channels, judges))
 
     @property
     def times(self) -> tuple[Numbers, ...]:
-        """(T,) of each log, s."""
-        return tuple(p.log.time for p in self._prepared)
+        """(T,) of each log and of the steps through its breaks, s."""
+        return tuple(p.time for p in self._prepared)
 
     def _built(
         self, vehicle: Vehicle, channels: frozenset[str], active: Mask | None = None
@@ -271,9 +273,9 @@ class Likelihood:
         starts = [start(e) for e in built]
         states, layout = [state for state, _ in starts], starts[0][1]
         with ThreadPoolExecutor(min(len(built), os.cpu_count() or 1)) as pool:
-            for begin in range(0, len(prepared.log), CHUNK):
+            for begin in range(0, len(prepared.time), CHUNK):
                 values, dt = (jnp.asarray(a) for a in cut(prepared.samples, prepared.dt, begin))
-                count = min(CHUNK, len(prepared.log) - begin)
+                count = min(CHUNK, len(prepared.time) - begin)
 
                 def advance(
                     own: Estimator[Any],
@@ -298,7 +300,7 @@ class Likelihood:
 
     def _check(self, prepared: _Prepared, begin: int, ok: NDArray[np.bool_]) -> None:
         if not ok.all():
-            at = prepared.log.time[begin + int(np.argmin(ok))]
+            at = prepared.time[begin + int(np.argmin(ok))]
             raise InputError(
                 f"the filter of '{self.estimator}' fails at t={at:.2f} s",
                 where=prepared.name,

@@ -56,6 +56,7 @@ class AlongInput(NamedTuple):
         rolling: g with the sign of the speed: what the coefficient of rolling resistance multiplies, m/s².
         lever: what each N·m of the engine makes, in the gear in mesh, m/s²/(N·m).
         speed: so far, m/s.
+        passing: how fast the road comes by, m/s: faster than that where the speed is lost.
         intensity: of the acceleration's white error, m/s²/√Hz.
         smooth_across: low-passed specific force across, freed of roll, m/s².
         turning: yaw rate, rad/s.
@@ -74,6 +75,7 @@ class AlongInput(NamedTuple):
     rolling: Float[Array, ""]
     lever: Float[Array, ""]
     speed: Float[Array, ""]
+    passing: Float[Array, ""]
     intensity: Float[Array, ""]
     smooth_across: Float[Array, ""]
     turning: Float[Array, ""]
@@ -178,7 +180,7 @@ class AlongModel(StateSpaceModel):
     def f(self, x: Float[Array, " n"], u: AlongInput, dt: Float[Array, ""]) -> Float[Array, " n"]:
         """Explicit Euler in the speed, exact in the rest."""
         count = len(self.slow_time)
-        road = self.road.transition(u.speed * dt) @ x[1:3]
+        road = self.road.transition(u.passing * dt) @ x[1:3]
         slow = x[3 : 3 + count] * jnp.exp(-dt * self._fades(u))
         parts = [x[:1] + dt * self.speeds_up(x, u), road, slow]
         if "attitude" in self.states:
@@ -274,7 +276,7 @@ class AlongModel(StateSpaceModel):
     def sqrt_Q(self, u: AlongInput, dt: Float[Array, ""]) -> Float[Array, "n n"]:
         """White acceleration, the road, and what slowly forgets."""
         slow = root(-jnp.expm1(-2 * dt * self._fades(u)))[:, None] * self.slow_factor
-        blocks = [u.intensity[None, None] * root(dt), self.road.sqrt_Q(u.speed * dt), slow]
+        blocks = [u.intensity[None, None] * root(dt), self.road.sqrt_Q(u.passing * dt), slow]
         if "attitude" in self.states:
             blocks.append(u.pitching.intensity[None, None] * root(dt))
         if "altitude" in self.states:

@@ -43,6 +43,7 @@ if TYPE_CHECKING:
 _UNSEEN = 4.0  # m/s²/√Hz: of an acceleration that neither accelerometer nor torques tell
 # m/s² per s of a gap in the log, and m/s²: 1σ of how the car sped up between the samples on either side
 _BETWEEN = (0.5, 2.0)
+_LOST = 1.0  # m/s: 1σ from which on the speed is lost
 _HILLY = 0.08  # slope on which that changes the rate of climb
 _FIRST = 0.01  # s that the first sample of all counts for
 _AGE = 0.1  # s by which a receiver's rate of climb may be late
@@ -189,6 +190,7 @@ class AlongIntake(eqx.Module):
             rolling=forces.rolling,
             lever=forces.lever,
             speed=speed,
+            passing=speed + way(speed) * jnp.maximum(spread - _LOST, 0.0),
             intensity=intensity,
             smooth_across=forces.accel[1],
             turning=turning,
@@ -211,7 +213,8 @@ class AlongIntake(eqx.Module):
             # what a wheel's radius is off by is a share of the speed, which wheels tell at first
             heard = jnp.isfinite(rim)
             mean = jnp.sum(jnp.where(heard, rim, 0.0)) / jnp.maximum(jnp.sum(heard), 1)
-            u = u._replace(speed=jnp.where((spread > ANY) & jnp.any(heard), mean, speed))
+            anew = (spread > ANY) & jnp.any(heard)
+            u = u._replace(speed=jnp.where(anew, mean, speed), passing=jnp.where(anew, mean, u.passing))
         for name in ("speed", "altitude", "vertical_speed"):
             if name in self.sensors:
                 value, std = sample[name], self.sensor_std[self.sensors.index(name)]

@@ -154,10 +154,17 @@ def error_bound(
 
 
 def least_std(estimator: FrictionEstimator, log: Log, quantity: str = "friction_peak") -> Numbers:
-    """(T,) the Cramér–Rao bound on the standard deviation of a friction, along a log."""
+    """(T,) the Cramér–Rao bound on the standard deviation of a friction, along a log.
+
+    Raises:
+        InputError: a log with breaks.
+    """
     # logs of all lengths padded alike, so that they share compiled programs
     rows = -(-len(log) // _PADDED) * _PADDED
-    table, dt = cut(*inputs(estimator, log), 0, rows)
+    samples, dt, own = inputs(estimator, log)
+    if len(samples) > len(own):
+        raise InputError("a log with breaks", mend="cut it at them")
+    table, dt = cut(samples, dt, 0, rows)
     model = estimator.model
     wheels = np.stack([log[f"ref_friction_{w}"] for w in WHEELS], axis=1)
     states = np.zeros((len(log), len(model.states)))

@@ -128,9 +128,9 @@ def _run_group(estimators: list[Estimator[Any]], logs: list[Log]) -> list[Estima
         params, states = jax.tree.map(lambda *leaves: np.stack(leaves), *own)
     each = [inputs(e, log) for e, log in zip(estimators, logs, strict=True)]
     parts: list[Row] = []
-    longest = max(len(log) for log in logs)
+    longest = max(len(one.samples) for one in each)
     for begin in range(0, longest, CHUNK):
-        cuts = [cut(samples, dt, begin) for samples, dt in each]
+        cuts = [cut(one.samples, one.dt, begin) for one in each]
         samples, dt = (np.stack(column) for column in zip(*cuts, strict=True))
         count = jnp.asarray(min(CHUNK, longest - begin))
         states, rows = _compiled(params, static, layout, states, samples, dt, count, alike)
@@ -138,5 +138,5 @@ def _run_group(estimators: list[Estimator[Any]], logs: list[Log]) -> list[Estima
     whole = parts[0]
     if len(parts) > 1:
         whole = jax.tree.map(lambda *leaves: np.concatenate(leaves, axis=1), *parts)
-    rows_of = [jax.tree.map(lambda leaf, i=i: leaf[i, : len(logs[i])], whole) for i in range(len(logs))]
+    rows_of = [jax.tree.map(lambda leaf, i=i: leaf[i, each[i].own], whole) for i in range(len(logs))]
     return [to_estimates(*one) for one in zip(estimators, logs, rows_of, strict=True)]

@@ -36,6 +36,19 @@ besides, nobody saw. A model that is carried on over hours in a single step says
 """
 
 
+BREAK = 5.0
+"""Seconds between two samples beyond which an estimator goes through the time between without any.
+
+In one step it would take what it last heard for what went on all the while. A log with a sample every few
+seconds has no breaks, but a low rate.
+"""
+_LISTENS, _STEP, _LAST = (
+    5,
+    0.1,
+    0.02,
+)  # so many steps of s until all is stale; longer and longer ones; the last
+
+
 class Row(NamedTuple):
     """What one step leaves behind."""
 
@@ -101,9 +114,39 @@ def scan_steps(
     return layout.pack(state), rows
 
 
-def inputs(estimator: Estimator[Any], log: Log) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(T, c) samples of the estimator's channels, NaN where the log has none, and (T,) steps in s, of which
-    none is longer than :data:`LONGEST_BREAK`.
+class Inputs(NamedTuple):
+    """What an estimator goes through with a log of T samples.
+
+    Attributes:
+        samples: (T', c) of the estimator's channels, NaN where there is none.
+        dt: (T',) steps, s.
+        own: (T,) rows of the log's samples among them; the others are within breaks.
+    """
+
+    samples: NDArray[np.float64]
+    dt: NDArray[np.float64]
+    own: NDArray[np.int64]
+
+
+def through(gap: float) -> list[float]:
+    """Steps in s, at least one, that lead from a sample to the next one, ``gap`` s later.
+
+    All but the last have no sample; there are some fifteen in the longest break, which takes no more than
+    :data:`LONGEST_BREAK`.
+    """
+    if gap <= BREAK:
+        return [gap]
+    steps: list[float] = []
+    left = min(gap, LONGEST_BREAK) - _LAST
+    while left > 0:
+        longest = _STEP * 2.0 ** max(len(steps) - _LISTENS + 1, 0)
+        steps.append(left if left < 1.5 * longest else longest)
+        left -= steps[-1]
+    return [*steps, _LAST]
+
+
+def inputs(estimator: Estimator[Any], log: Log) -> Inputs:
+    """What the estimator goes through.
 
     Raises:
         InputError: what should be a log is none.
@@ -111,8 +154,20 @@ def inputs(estimator: Estimator[Any], log: Log) -> tuple[NDArray[np.float64], ND
     if not isinstance(log, Log):
         raise InputError(f"a log that is a {type(log).__name__}", mend="give a Log(time, {channel: values})")
     missing = np.full(len(log), np.nan)
-    samples = np.stack([log.channels.get(c, missing) for c in estimator.channels], axis=1)
-    return samples, np.minimum(np.diff(log.time, prepend=log.time[0]), LONGEST_BREAK)
+    heard = np.stack([log.channels.get(c, missing) for c in estimator.channels], axis=1)
+    dt = np.diff(log.time, prepend=log.time[0])
+    breaks = np.flatnonzero(dt > BREAK)
+    steps = [through(float(gap)) for gap in dt[breaks]]
+    counts = np.ones(len(log), np.int64)
+    counts[breaks] = [len(one) for one in steps]
+    own = np.cumsum(counts) - 1
+    samples = np.full((own[-1] + 1, heard.shape[1]), np.nan)
+    samples[own] = heard
+    within = np.zeros(len(samples))
+    within[own] = dt
+    for at, one in zip(own[breaks], steps, strict=True):
+        within[at + 1 - len(one) : at + 1] = one
+    return Inputs(samples, within, own)
 
 
 def cut(

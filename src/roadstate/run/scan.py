@@ -33,8 +33,8 @@ def scan(
     Raises:
         InputError: what should be a log is none.
     """
-    samples, dt = inputs(estimator, log)
-    total = len(log)
+    samples, dt, own = inputs(estimator, log)
+    total = len(samples)
     state, layout = start(estimator)
     parts: list[Row] = []
     for begin in range(0, total, CHUNK):
@@ -43,5 +43,5 @@ def scan(
         state, rows = _scan_chunk(estimator, layout, state, values, steps, jnp.asarray(count), kept)
         parts.append(jax.tree.map(lambda leaf, count=count: np.asarray(leaf)[:count], rows))
         if progress is not None:
-            progress(min(begin + CHUNK, total), total)
-    return to_estimates(estimator, log, jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts))
+            progress(int(np.searchsorted(own, min(begin + CHUNK, total))), len(log))
+    return to_estimates(estimator, log, jax.tree.map(lambda *leaves: np.concatenate(leaves)[own], *parts))

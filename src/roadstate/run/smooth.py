@@ -89,14 +89,14 @@ def smooth(
         InputError: an estimator that cannot be smoothed, or what should be a log is none.
     """
     where = smoothable(estimator)
-    samples, dt = inputs(estimator, log)
-    total = len(log)
+    samples, dt, own = inputs(estimator, log)
+    total = len(samples)
     state, layout = start(estimator)
     begins = range(0, total, _CHUNK)
 
     def tell(chunks: int) -> None:
         if progress is not None:
-            progress(min(chunks * _CHUNK, 2 * total) // 2, total)
+            progress(min(chunks * _CHUNK, 2 * total) * len(log) // (2 * total), len(log))
 
     chunks = [cut(samples, dt, begin, _CHUNK) for begin in begins]
     states = [state]
@@ -116,7 +116,7 @@ def smooth(
         parts.append([form.unpack(packed) for form, packed in zip(layouts, kept, strict=True)])
         tell(2 * len(begins) - i)
     parts.reverse()
-    rows, estimates = jax.tree.map(lambda *a: np.concatenate(a), *parts)
+    rows, estimates = jax.tree.map(lambda *a: np.concatenate(a)[own], *parts)
     whole = to_estimates(estimator, log, rows._replace(estimate=estimates))
     names = [name for name in where.quantities if name in whole.values]
     return replace(whole, metadata={**whole.metadata, "smoothed": names})

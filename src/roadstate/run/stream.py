@@ -21,7 +21,7 @@ from roadstate.core.kernel import one_kernel
 from roadstate.core.numerics import loop_options
 from roadstate.core.packing import Layout
 from roadstate.estimators.base import Estimate, Estimator
-from roadstate.run.chunk import LONGEST_BREAK, advance, start
+from roadstate.run.chunk import advance, start, through
 from roadstate.run.saved import Saved, load, save
 
 
@@ -252,8 +252,11 @@ class Stream:
             raise InputError(f"{sample[wrong]!r} is no number", where=wrong, mend="leave it out") from error
 
     def _advance(self, before: Step, time: float, values: list[float]) -> tuple[Step, Estimate]:
-        dt = 0.0 if isnan(before.time) else min(time - before.time, LONGEST_BREAK)
-        state, estimate = self._step(self._leaves, before.state, np.array([dt, *values]))
+        state, *steps = before.state, *through(0.0 if isnan(before.time) else time - before.time)
+        missing = [nan] * len(values)
+        for dt in steps[:-1]:
+            state, _ = self._step(self._leaves, state, np.array([dt, *missing]))
+        state, estimate = self._step(self._leaves, state, np.array([steps[-1], *values]))
         return Step(time, values, state), estimate
 
     def _rewind(self, time: float, values: list[float]) -> Arrival:
