@@ -19,6 +19,7 @@ _SURE = 5.0  # 1σ of what is added up, that many times
 _SLIDES = (0.06, 0.8, 1.0)  # m/s: what 1σ of v_y has beyond, counts; rad per m/s of it; s for which
 _DRIFTS = (0.5, 1.0)  # m/s²: v̇_y of a car that turns evenly, at most; s for which it may still swerve
 _LEAPS = (0.3, 10.0)  # m/s, and m/s²: no car's v_y changes by more from one sample to the next
+_FOUND = 0.3  # s that it takes to find v_y where nothing told of it before
 _UNKNOWN = 0.25  # m/s: with a larger 1σ v_y changes because it is being found, not because the car swerves
 
 
@@ -31,6 +32,7 @@ class Swerve(NamedTuple):
         most: |v̇_y| at most, of late, of a car that turns as this one does, m/s².
         late: v_y as late as the low-passed lateral specific force, m/s.
         rate: its derivative, m/s².
+        anew: s for which v_y may still be being found, after nothing told of it.
         leaps: whether v_y has changed as no car's does, or has not been known of late.
     """
 
@@ -39,25 +41,28 @@ class Swerve(NamedTuple):
     most: Float[Array, ""]
     late: Float[Array, ""]
     rate: Float[Array, ""]
+    anew: Float[Array, ""]
     leaps: Bool[Array, ""]
 
     @classmethod
     def none(cls) -> Swerve:
         """Nothing has been told."""
         zero = jnp.zeros(())
-        return cls(zero, zero, zero, zero, zero, jnp.asarray(False))
+        return cls(zero, zero, zero, zero, zero, zero, jnp.asarray(False))
 
     def goes_on(self, told: Tilting, step: Float[Array, ""]) -> Swerve:
         """With a sample, ``step`` after the last, s."""
         v_y, unsure = told.across[0], jnp.maximum(told.across[1], self.unsure * jnp.exp(-step / _SLIDES[2]))
         most = jnp.maximum(_DRIFTS[0] + told.swerves, self.most * jnp.exp(-step / _DRIFTS[1]))
-        leaps = (jnp.abs(v_y - self.v_y) > _LEAPS[0] + _LEAPS[1] * step) | (unsure > _UNKNOWN)
+        anew = jnp.where(told.tells, jnp.maximum(self.anew - step, 0.0), _FOUND)
+        leaps = (jnp.abs(v_y - self.v_y) > _LEAPS[0] + _LEAPS[1] * step) | (unsure > _UNKNOWN) | (anew > 0)
         # a difference is half a step late by itself
         share = 1 / jnp.maximum(told.lag / step + 0.5, 1.0)
         follows = jnp.where(leaps, 0.0, share * (v_y - self.late))
         # a v_y that changes while the car does not swerve follows an accelerometer that lies
         rate = jnp.clip(follows / step, -most, most)
-        return Swerve(v_y, unsure, most, jnp.where(leaps, v_y, self.late + follows), rate, leaps)
+        late = jnp.where(leaps, v_y, self.late + follows)
+        return Swerve(v_y, unsure, most, late, rate, anew, leaps)
 
 
 class Tilting(NamedTuple):
