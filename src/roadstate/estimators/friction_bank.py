@@ -60,6 +60,7 @@ _ANGLE_ERROR = 0.002  # rad: 1σ of a slip angle, besides what v_y and the steer
 _BEND = 0.3  # 1σ of an axle's force, as a share of what it lacks of a linear one
 _ANEW = (0.06, 12.0)  # change of a force over load that tells anew; else it does after s
 _LEAST_STEP = 1e-3
+_BREAK = 0.09  # s of a step in which nothing was told
 _FLOOR = 1e-15  # of a probability
 # Which evidence counts for which part: F_y front, rear, F_x of four wheels. The parts: the car as if it stood
 # on one road, its wheels, its sides.
@@ -164,6 +165,7 @@ class FrictionBank(eqx.Module):
     motion: Sideways
     wheels: Wheels
     _shake: Float[Array, ""]
+    _level: Float[Array, " 14"]
 
     def __init__(self, vehicle: Vehicle, available: Collection[str]) -> None:
         tires = vehicle.tires
@@ -178,6 +180,7 @@ class FrictionBank(eqx.Module):
         # what the low pass leaves of the accelerometer's white noise in a force over load
         shake = leaf(vehicle.sensors.accel.noise_density / GRAVITY / (2 * SMOOTHING) ** 0.5)
         self._shake = in_single(shake)
+        self._level = in_single(jnp.full(14, slip_jump.NOTHING).at[2:10].set(0.0))
 
     def init(self) -> BankState:
         """The prior."""
@@ -188,7 +191,7 @@ class FrictionBank(eqx.Module):
             self.motion.first[:, :, None] * ones,
             *self.wheels.init(_COUNT),
             (jnp.zeros(SIZE), root(jnp.diagonal(self.motion.first))),
-            jnp.full(14, slip_jump.NOTHING).at[2:10].set(0.0),
+            self._level,
         )
         return in_single(state)
 
@@ -202,8 +205,10 @@ class FrictionBank(eqx.Module):
         slips = slip_jump.unexplained(touch, self.wheels.slip_stiffness)
         told = jnp.concatenate([touch.across, touch.along, jnp.clip(linear, -1.0, 1.0), slips])
         tells = jnp.isfinite(jnp.concatenate([touch.across_std, *[touch.along_std] * 3]))
-        told = once(jnp.where(tells, told, state.level))
-        memory = jnp.where(state.level < slip_jump.NOTHING, state.level, told)
+        # what was before a break is no measure of what is after it
+        known = jnp.where(tells | (dt < _BREAK), state.level, self._level)
+        told = once(jnp.where(tells, told, known))
+        memory = jnp.where(known < slip_jump.NOTHING, known, told)
         change = told - memory
         level = memory - jnp.expm1(-dt / slip_jump.MEMORY) * change
         gained = slip_jump.jumps(told[10:], memory[10:], touch)
