@@ -102,7 +102,7 @@ class BankState(NamedTuple):
         merged: mean (n,) and 1σ (n,) of all hypotheses together, see :meth:`FrictionBank.merged`.
         level: (14,) F_y/F_z of the axles, F_x/F_z of the wheels, what it were if it stayed linear, and what
             the wheels slip beyond their force, slowed; :data:`~roadstate.estimators.slip_jump.NOTHING` of an
-            F_y or slip that was never told: what is there from the first sample on has not grown.
+            F_y or slip that was never told, and of all after a break: what is there then has not grown.
     """
 
     weight: Float[Array, "3 7 J"]
@@ -165,7 +165,6 @@ class FrictionBank(eqx.Module):
     motion: Sideways
     wheels: Wheels
     _shake: Float[Array, ""]
-    _level: Float[Array, " 14"]
 
     def __init__(self, vehicle: Vehicle, available: Collection[str]) -> None:
         tires = vehicle.tires
@@ -180,7 +179,6 @@ class FrictionBank(eqx.Module):
         # what the low pass leaves of the accelerometer's white noise in a force over load
         shake = leaf(vehicle.sensors.accel.noise_density / GRAVITY / (2 * SMOOTHING) ** 0.5)
         self._shake = in_single(shake)
-        self._level = in_single(jnp.full(14, slip_jump.NOTHING).at[2:10].set(0.0))
 
     def init(self) -> BankState:
         """The prior."""
@@ -191,7 +189,7 @@ class FrictionBank(eqx.Module):
             self.motion.first[:, :, None] * ones,
             *self.wheels.init(_COUNT),
             (jnp.zeros(SIZE), root(jnp.diagonal(self.motion.first))),
-            self._level,
+            jnp.full(14, slip_jump.NOTHING).at[2:10].set(0.0),
         )
         return in_single(state)
 
@@ -206,7 +204,7 @@ class FrictionBank(eqx.Module):
         told = jnp.concatenate([touch.across, touch.along, jnp.clip(linear, -1.0, 1.0), slips])
         tells = jnp.isfinite(jnp.concatenate([touch.across_std, *[touch.along_std] * 3]))
         # what was before a break is no measure of what is after it
-        known = jnp.where(tells | (dt < _BREAK), state.level, self._level)
+        known = jnp.where(tells | (dt < _BREAK), state.level, slip_jump.NOTHING)
         told = once(jnp.where(tells, told, known))
         memory = jnp.where(known < slip_jump.NOTHING, known, told)
         change = told - memory
