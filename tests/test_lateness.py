@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 
 from roadstate.core import Log
 from roadstate.core.channels import WHEELS
+from roadstate.core.signals import Signal, interpolate
 from roadstate.lateness import Late, lateness
-from roadstate.time_shift import RATE, TimeShift, on_grid, rate_of, smooth, time_shift
+from roadstate.time_shift import RATE, TimeShift, rate_of, smooth, time_shift
 from roadstate.vehicles import Vehicle, load_vehicle
 
 Array = NDArray[np.float64]
@@ -224,7 +225,8 @@ def test_no_shift_is_made_up() -> None:
 
 def test_grid_and_rate() -> None:
     time = np.arange(0, 20, 0.1)
-    on = on_grid(time, np.where((time > 8) & (time < 12), np.nan, 3 * time), GRID[: int(18 * RATE)])
+    signal = Signal(time, np.where((time > 8) & (time < 12), np.nan, 3 * time))
+    on = interpolate(signal, GRID[: int(18 * RATE)])
     inside = (GRID[: len(on)] < 7.9) | (GRID[: len(on)] > 12.1)
     np.testing.assert_allclose(on[inside], 3 * GRID[: len(on)][inside])
     assert np.isnan(on[(GRID[: len(on)] > 8.2) & (GRID[: len(on)] < 11.8)]).all()

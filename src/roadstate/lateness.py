@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from roadstate.core.channels import WHEELS
 from roadstate.core.constants import GRAVITY
-from roadstate.time_shift import LEAST_TIME, RATE, on_grid, rate_of, smooth, time_shift
+from roadstate.core.signals import Signal, interpolate
+from roadstate.time_shift import LEAST_TIME, RATE, rate_of, smooth, time_shift
 
 if TYPE_CHECKING:
     from roadstate.core import Log
@@ -92,7 +93,7 @@ class _Compared:
         self.moves = smooth(self.speed) > _SPEED
 
     def _get(self, name: str) -> Array:
-        return on_grid(self.log.time, self.log[name], self.grid)
+        return interpolate(Signal(self.log.time, self.log[name]), self.grid)
 
     def _speed(self) -> Array:
         """Of the wheels, on the average, or else as measured, m/s."""
@@ -120,7 +121,8 @@ class _Compared:
             drive, brake = ([self._get(t) for t in part] for part in (_TORQUES[:half], _TORQUES[half:]))
             told["torques"] = np.sum(drive, axis=0) - np.sum(brake, axis=0)
         for (first, x), (second, y) in combinations(told.items(), 2):
-            yield from self._pair(first, second, (x, y), (crude.get(first, x), y), _FLOOR)
+            crudely = (crude[first], y) if first in crude else None
+            yield from self._pair(first, second, (x, y), crudely, _FLOOR)
 
     def across(self) -> Iterator[_Pair]:
         """Of what tells the yaw rate r.
@@ -134,7 +136,7 @@ class _Compared:
         car, v, r = self.vehicle, np.maximum(self.speed, 1.0), self._get("yaw_rate")
         if {"rl", "rr"} <= set(self.wheels):
             apart = self.wheels["rr"] - self.wheels["rl"]
-            yield from self._pair("yaw_rate", "wheels", (r, apart), (r, apart), _FLOOR)
+            yield from self._pair("yaw_rate", "wheels", (r, apart), None, _FLOOR)
         l_f, l_r = car.geometry.cg_to_front_axle, car.geometry.cg_to_rear_axle
         stiff_f, stiff_r = car.axle_cornering_stiffness
         turns, swing = rate_of(r), smooth(v) / ((l_f + l_r) * stiff_r)
@@ -147,21 +149,21 @@ class _Compared:
         steering = [name for name in ("steer", "steering_wheel") if name in self.log.available]
         if steering:
             told = self._get(steering[0])
-            kinematic, swung = (
-                (l_f + l_r) * r / v,
-                swing * (1 + stiff_r / stiff_f) * car.yaw_inertia * turns / v,
-            )
+            kinematic = (l_f + l_r) * r / v
+            swung = swing * (1 + stiff_r / stiff_f) * car.yaw_inertia * turns / v
             understeer = car.mass * (l_r / stiff_f - l_f / stiff_r) / (l_f + l_r)
             x = kinematic + swung + understeer * lateral + rate_of(lag * (kinematic + swung))
             finely, crudely = (x, told + rate_of(lag * told)), (kinematic + understeer * v * r, told)
             yield from self._pair("yaw_rate", steering[0], finely, crudely, _FLOOR)
 
-    def _pair(self, first: str, second: str, finely: _Two, crudely: _Two, floor: float) -> Iterator[_Pair]:
-        """Of two that agree: what they make of one motion, by this model and by the crudest."""
+    def _pair(
+        self, first: str, second: str, finely: _Two, crudely: _Two | None, floor: float
+    ) -> Iterator[_Pair]:
+        """Of two that agree: what they make of one motion, by this model and the crudest, if another."""
         found = time_shift(*finely, self.moves)
         if found is None or found.correlation < _ALIKE:
             return
-        otherwise = time_shift(*crudely, self.moves)
+        otherwise = None if crudely is None else time_shift(*crudely, self.moves)
         worth = 0.0 if otherwise is None else abs(otherwise.seconds - found.seconds)
         std = float(np.sqrt(found.std**2 + (_MODEL * worth) ** 2 + floor**2))
         yield _Pair(first, second, found.seconds, std)
@@ -184,8 +186,6 @@ def _blamed(pairs: list[_Pair]) -> dict[str, tuple[float, float]]:
             cost = float(np.sum(misfit)) + _PENALTY * count
             if np.all(seconds >= 0) and cost < least:
                 std = np.sqrt(np.diag(np.linalg.inv(A.T @ A)))
-                least, best = (
-                    cost,
-                    dict(zip(late, zip(seconds.tolist(), std.tolist(), strict=True), strict=True)),
-                )
+                each = zip(seconds.tolist(), std.tolist(), strict=True)
+                least, best = cost, dict(zip(late, each, strict=True))
     return best

@@ -13,7 +13,6 @@ RATE = 25.0
 """Samples per second of the grid that signals are compared on."""
 _LOW, _HIGH = 0.12, 3.0  # s: 1σ of the weights of the means which the band that is compared lies between
 _MOST = 0.6  # s
-_GAP = 1.1  # s between samples across which nothing is made up
 _BLOCK = 4.0  # s: errors so far apart are independent
 _BLOCKS = 5  # without so many nobody can tell
 LEAST_TIME = _BLOCK * _BLOCKS
@@ -37,17 +36,6 @@ class TimeShift(NamedTuple):
     seconds: float
     std: float
     correlation: float
-
-
-def on_grid(time: Array, values: Array, grid: Array) -> Array:
-    """Samples (T,) at ``time`` in s, brought onto ``grid`` of :data:`RATE`; NaN beside gaps."""
-    good = np.isfinite(values)
-    if np.count_nonzero(good) < 2:
-        return np.full(len(grid), np.nan)
-    stamps = time[good]
-    after = np.clip(np.searchsorted(stamps, grid), 1, len(stamps) - 1)
-    near = np.diff(stamps)[after - 1] <= _GAP
-    return np.where(near, np.interp(grid, stamps, values[good], np.nan, np.nan), np.nan)
 
 
 def smooth(values: Array, std: float = _LOW) -> Array:

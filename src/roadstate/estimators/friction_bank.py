@@ -60,7 +60,7 @@ _ANGLE_ERROR = 0.002  # rad: 1σ of a slip angle, besides what v_y and the steer
 _BEND = 0.3  # 1σ of an axle's force, as a share of what it lacks of a linear one
 _ANEW = (0.06, 12.0)  # change of a force over load that tells anew; else it does after s
 _LEAST_STEP = 1e-3
-_BREAK = 0.09  # s of a step in which nothing was told
+_BREAK = 0.09  # s: steps in which nothing is told, of so long and more, lead through a break in the log
 _FLOOR = 1e-15  # of a probability
 # Which evidence counts for which part: F_y front, rear, F_x of four wheels. The parts: the car as if it stood
 # on one road, its wheels, its sides.

@@ -42,11 +42,9 @@ BREAK = 5.0
 In one step it would take what it last heard for what went on all the while. A log with a sample every few
 seconds has no breaks, but a low rate.
 """
-_LISTENS, _STEP, _LAST = (
-    5,
-    0.1,
-    0.02,
-)  # so many steps of s until all is stale; longer and longer ones; the last
+_STEP = 0.1  # s: of the first steps through a break; then each is twice as long
+_LISTENS = 5  # of the first, until all is stale
+_LAST = 0.02  # s: of the one that leads to the sample
 
 
 class Row(NamedTuple):
