@@ -24,7 +24,7 @@ def test_a_scan_is_one_kernel(name: str) -> None:
     vehicle = load_vehicle("family-car")
     estimator = build(name, vehicle, MEASURED)
     packed, layout = start(estimator)
-    samples, dt = inputs(estimator, plausible_log(vehicle, 50))
+    samples, dt, _ = inputs(estimator, plausible_log(vehicle, 50))
     params, static = eqx.partition(estimator, eqx.is_array)
 
     def run(params: Any, state: Any, samples: Any, dt: Any) -> Any:
