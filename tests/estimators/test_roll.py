@@ -36,13 +36,15 @@ def told(
     sine: float = 0.0,
     speed: float = 20.0,
     v_y: float | Array = 0.0,
+    ahead: tuple[float, float] = (0.0, 0.0),
 ) -> tuple[RollState, Array, Array]:
     """The last state, and bank rates with their white errors, of samples of the roll rate."""
 
     def step(state: RollState, row: tuple[jax.Array, ...]) -> tuple[RollState, jax.Array]:
         rate, sideslip, *others = row
         along, dt = (jnp.asarray(sine), jnp.asarray(speed)), jnp.asarray(DT)
-        return meter.read(state, {"roll_rate": rate}, seen(*others), *along, jnp.array([sideslip, 0.03]), dt)
+        unsure = jnp.array([sideslip, 0.03]), jnp.array(ahead)
+        return meter.read(state, {"roll_rate": rate}, seen(*others), *along, *unsure, dt)
 
     sideslip = v_y * np.ones(len(roll))
     rows = tuple(
@@ -130,6 +132,22 @@ def test_a_sideslip_found_anew_is_no_swerve(vehicle: Vehicle) -> None:
     v_y = np.interp(time, [2.0, 2.1], [0.0, 0.15])
     last, *_ = told(RollMeter(vehicle), roll + leaning, 20 * turning, turning, v_y=v_y)
     assert not RollMeter(vehicle).is_faulty(last)
+
+
+@pytest.mark.parametrize(
+    ("ahead", "is_odd"), [((0.0, 0.0), True), ((-1.0, 0.05), False), ((0.0, 0.5), False)]
+)
+def test_an_accelerometer_behind_the_centre_feels_the_yaw_acceleration(
+    ahead: tuple[float, float], is_odd: bool, vehicle: Vehicle
+) -> None:
+    """1 m behind it; which is no bank, if anybody knows it, or that nobody does."""
+    time = np.arange(0, 4, DT)
+    turning = 0.2 * (1 - np.cos(2 * np.pi * time))
+    across = 20.0 * turning - 1.0 * np.gradient(turning, DT)
+    roll = np.gradient(vehicle.body.roll_gradient * across, DT)
+    meter = RollMeter(vehicle)
+    last, *_ = told(meter, roll, across, turning, ahead=ahead)
+    assert bool(meter.is_faulty(last)) is is_odd
 
 
 def test_gaps_and_spikes_tell_nothing(vehicle: Vehicle) -> None:

@@ -46,7 +46,7 @@ from roadstate.estimators.radii import Radii, RadiiState
 from roadstate.estimators.redundancy import GROUP, YAW
 from roadstate.estimators.roll import RollMeter, RollState
 from roadstate.estimators.shortfall import Shortfall
-from roadstate.estimators.sideways import BANK, V_Y
+from roadstate.estimators.sideways import BANK, LEVER, V_Y
 from roadstate.estimators.signals import NEVER
 from roadstate.estimators.tire_contact import ContactState
 from roadstate.estimators.watch import Watch, WatchState
@@ -298,7 +298,8 @@ class Joint(Estimator[JointState]):
             # how fast that changes in a spin, no yaw acceleration tells
             unsure = jnp.where(state.trust.slides > 0, 1.0, across_std[V_Y])
             sideslip = jnp.stack([across[V_Y], unsure])
-            roll, banking = self.roll.read(roll, sample, seen, sine, speed, sideslip, dt)
+            ahead = jnp.stack([across[LEVER], across_std[LEVER]])
+            roll, banking = self.roll.read(roll, sample, seen, sine, speed, sideslip, ahead, dt)
         contact, touch = self.inputs.contact.touch(
             contact, seen, forces, speed, rolling, gain, GRAVITY * banking, state.trust.slides > 0, since
         )

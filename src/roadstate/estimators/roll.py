@@ -89,6 +89,7 @@ class RollMeter(eqx.Module):
         sine: Float[Array, ""],
         speed: Float[Array, ""],
         across: Float[Array, " 2"],
+        ahead: Float[Array, " 2"],
         dt: Float[Array, ""],
     ) -> tuple[RollState, Float[Array, " 2"]]:
         """Take a sample ``dt`` after the last.
@@ -100,6 +101,7 @@ class RollMeter(eqx.Module):
             sine: of the slope.
             speed: m/s.
             across: v_y at the last sample and its 1σ, m/s.
+            ahead: how far the accelerometer sits ahead of the centre of gravity and its 1σ, m.
             dt: s.
 
         Returns:
@@ -121,12 +123,14 @@ class RollMeter(eqx.Module):
         keep = jnp.where(usable, -jnp.expm1(-step / _STEADY_TIME), 0.0)
         steady = state.steady + keep * (rate - state.steady)
         unrest = state.unrest + keep * ((rate - steady) ** 2 - state.unrest)
-        tilt = (seen.smooth[ACCEL_Y] - speed * turning) / GRAVITY
+        yaw_accel = jnp.where(compared, seen.rate[YAW_RATE], 0.0)
+        tilt = (seen.smooth[ACCEL_Y] - speed * turning - ahead[0] * yaw_accel) / GRAVITY
         # a car that hardly moves rocks on its tires
         tells = compared & usable & (jnp.abs(speed) > _SLOWEST)
         # v_y = r (l_r − v²/gC) in a steady turn; near the limit the rear axle's C is less by half
-        swerves = jnp.abs(seen.rate[YAW_RATE]) * (self._arm + 2 * speed**2 / (GRAVITY * self._stiffness))
-        told = Tilting(rate, leans, tilt, seen.lag[ACCEL_Y], across, swerves, tells)
+        swerves = jnp.abs(yaw_accel) * (self._arm + 2 * speed**2 / (GRAVITY * self._stiffness))
+        unsure = ahead[1] * jnp.abs(yaw_accel) / GRAVITY
+        told = Tilting(rate, leans, tilt, unsure, seen.lag[ACCEL_Y], across, swerves, tells)
         check = state.check.goes_on(told, step)
         # what swings between samples that come seldom adds up at random
         missed = unrest * jnp.maximum(gyro.every - _SELDOM, 0.0) * APART_TIME / 2

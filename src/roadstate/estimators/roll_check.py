@@ -20,6 +20,7 @@ _SLIDES = (0.06, 0.8, 1.0)  # m/s: what 1σ of v_y has beyond, counts; rad per m
 _DRIFTS = (0.5, 1.0)  # m/s²: v̇_y of a car that turns evenly, at most; s for which it may still swerve
 _LEAPS = (0.3, 10.0)  # m/s, and m/s²: no car's v_y changes by more from one sample to the next
 _FOUND = 0.3  # s that it takes to find v_y where nothing told of it before
+_PLACES = 2.0  # 1σ of what the accelerometer's place does, that many times
 _UNKNOWN = 0.25  # m/s: with a larger 1σ v_y changes because it is being found, not because the car swerves
 
 
@@ -73,6 +74,7 @@ class Tilting(NamedTuple):
         leans: rate at which the body leans besides, rad/s.
         tilt: what a bank would have to be to make the lateral specific force of a car whose v_y does not
             change, rad.
+        unsure: 1σ of it by the accelerometer's place, rad.
         lag: s by which that is late.
         across: v_y at the last sample and its 1σ, m/s.
         swerves: |v̇_y| at most of a car whose yaw rate changes as this one's, m/s².
@@ -82,6 +84,7 @@ class Tilting(NamedTuple):
     rate: Float[Array, ""]
     leans: Float[Array, ""]
     tilt: Float[Array, ""]
+    unsure: Float[Array, ""]
     lag: Float[Array, ""]
     across: Float[Array, " 2"]
     swerves: Float[Array, ""]
@@ -102,6 +105,7 @@ class RollCheck(NamedTuple):
         lasting: that, low-passed.
         leant: by how much the body has leant besides, of late, rad.
         most_leant: the largest amount of that, of late, rad.
+        place: 1σ of what the accelerometer's place adds to the tilt, at most of late, rad.
     """
 
     swerve: Swerve
@@ -112,12 +116,13 @@ class RollCheck(NamedTuple):
     lasting: Float[Array, ""]
     leant: Float[Array, ""]
     most_leant: Float[Array, ""]
+    place: Float[Array, ""]
 
     @classmethod
     def none(cls) -> RollCheck:
         """Nothing has been told."""
         zero = jnp.zeros(())
-        return cls(Swerve.none(), zero, jnp.asarray(False), zero, zero, zero, zero, zero)
+        return cls(Swerve.none(), zero, jnp.asarray(False), zero, zero, zero, zero, zero, zero)
 
     def goes_on(self, told: Tilting, step: Float[Array, ""]) -> RollCheck:
         """With a sample, ``step`` after the last, s."""
@@ -130,13 +135,14 @@ class RollCheck(NamedTuple):
         lasting = self.lasting - jnp.expm1(-step / _BRIEF) * (apart - self.lasting)
         leant = (self.leant + told.leans * step) * keep
         most = jnp.maximum(jnp.abs(leant), self.most_leant * keep)
-        return RollCheck(swerve, told.tilt, told.tells, gap, apart, lasting, leant, most)
+        place = jnp.maximum(told.unsure, self.place * keep)
+        return RollCheck(swerve, told.tilt, told.tells, gap, apart, lasting, leant, most, place)
 
     def is_odd(self, error: Float[Array, ""]) -> Bool[Array, ""]:
         """Whether the two are too far apart, if what is added up errs by ``error``, 1σ in rad."""
         slides = _SLIDES[1] * jnp.maximum(self.swerve.unsure - _SLIDES[0], 0.0)
         leans = GRADIENT_ERROR * self.most_leant
-        return jnp.abs(self.lasting) > _APART + slides + leans + _SURE * error
+        return jnp.abs(self.lasting) > _APART + slides + leans + _PLACES * self.place + _SURE * error
 
     def anew(self, is_odd: Bool[Array, ""]) -> RollCheck:
         """The same, but for what was found if it was odd."""
