@@ -14,6 +14,7 @@ from roadstate.core import CHANNELS, InputError, Recording, Signal
 from roadstate.core.held import sampled
 from roadstate.core.signals import in_order, interpolate
 from roadstate.core.units import to_channel_unit
+from roadstate.io.lever_arm import to_center
 from roadstate.io.mapping_channel import ChannelMap, Condition, Gain, is_linear_wheel_speed, is_slope
 from roadstate.io.mapping_schema import IMU_CHANNELS, Axes, Sections, SlopeMap
 from roadstate.io.mapping_yaml import in_one_line, read_mapping_file
@@ -125,6 +126,8 @@ class _Application:
             for name in self.recording:
                 if name in CHANNELS and name not in given:
                     self.take(name, ChannelMap.model_validate(name))
+        if mapping.lever_arm is not None:
+            self.out |= to_center(self.out, mapping.lever_arm)
         if self.wheel_radius is not None:
             check_speed_unit(self.out, self.units, self.wheel_radius)
         metadata = {k: v for k, v in self.recording.metadata.items() if k not in _OF_A_MAPPING}

@@ -17,13 +17,11 @@ from pydantic import (
 from roadstate.core import CHANNELS, InputError, channel
 from roadstate.core.quantity import Quantity
 from roadstate.core.units import convert
+from roadstate.io.lever_arm import ACCEL, RATES, LeverArm
 from roadstate.io.mapping_channel import ChannelMap, Section, Text, check_units
 from roadstate.io.rotation import Rotation
 
-IMU_CHANNELS = {
-    "accel": ("accel_x", "accel_y", "accel_z"),
-    "gyro": ("roll_rate", "pitch_rate", "yaw_rate"),
-}
+IMU_CHANNELS = {"accel": ACCEL, "gyro": RATES}
 """The channels that each kind of inertial sensor becomes, in the order x, y, z of the car."""
 
 
@@ -165,6 +163,7 @@ class Sections(Section):
         channels: canonical channel → where it comes from.
         rotation: from the axes of the sensors under ``imu`` to the car's.
         imu: inertial sensors whose axes are not the car's.
+        lever_arm: from the centre of gravity to the accelerometer.
         reference: truth to compare with: ``ref_*`` channels, as they are or derived.
         only_listed: ignore signals that carry a canonical name but are not listed.
     """
@@ -173,6 +172,7 @@ class Sections(Section):
     channels: Annotated[dict[str, ChannelMap], BeforeValidator(_fill_from)] = Field(default_factory=dict)
     rotation: Rotation | None = None
     imu: Imu | None = None
+    lever_arm: LeverArm | None = None
     reference: Annotated[dict[str, ReferenceMap], BeforeValidator(_fill_from)] = Field(default_factory=dict)
     only_listed: bool = False
 
