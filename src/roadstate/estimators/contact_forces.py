@@ -7,19 +7,18 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from roadstate.core.channels import WHEELS
 from roadstate.core.constants import GRAVITY
 from roadstate.core.errors import InputError
-from roadstate.estimators.axle_forces import AxleForces, Current, by_axle, damped, held_back, steered_cosines
+from roadstate.estimators.axle_forces import AxleForces, Current, by_axle, damped, held_back
 from roadstate.estimators.base import Sample, leaf
+from roadstate.estimators.force_balance import LARGEST, ForceBalance, Scene
 from roadstate.estimators.intake import (
     ACCEL_X,
     ACCEL_Y,
     SMOOTHING,
-    SPIN,
     STALE,
     STEER,
     YAW_RATE,
@@ -28,7 +27,7 @@ from roadstate.estimators.intake import (
 from roadstate.estimators.load_transfer import Lean
 from roadstate.estimators.signals import NEVER, STANDSTILL_SPEED, Held, way
 from roadstate.estimators.traction import LEAST_BRAKING, UNKNOWN, Traction, TractionMeter, TractionState
-from roadstate.estimators.unseen_brakes import BrakeWatch, UnseenBrakes
+from roadstate.estimators.unseen_brakes import BrakeWatch
 from roadstate.linalg import root, rss
 from roadstate.vehicles import SevenDofForces
 
@@ -45,7 +44,6 @@ _SPLIT_ERROR = 0.3  # 1σ of what each wheel brakes where nothing tells, as a sh
 _INERTIA_ERROR = 0.1  # 1σ of the yaw inertia, as a share of it
 _GOES_ON = 0.5  # 1σ of how a_y changes until its next sample, as a share of how it has
 _PLACE_ERROR = 0.05  # m: 1σ of where the IMU is along the car, once that has been learned
-_TRAIL = 0.03  # m: pneumatic trail of a car's tire below the limit
 CALM = 0.1
 """m/s²/√Hz: error of the torques' force beyond which it is not the usual one."""
 _LATELY = 1.0  # s
@@ -57,8 +55,6 @@ _STIRRED = 0.15  # s for which what stirs up wheels and brakes goes on
 # both ways, and at the least; and s over which
 _BOUNCES, _STEADY, _BOUNCE_TIME = 8.0, 1e-3, 0.2
 _DIFFERENTIAL = 0.1  # 1σ of what a wheel gets of an engine's torque, as a share of it
-_SPUN = 3.0  # σ of the noise of a wheel's acceleration from which on it counts
-_LARGEST = 0.7  # of the weight: no wheel's torque makes more
 
 
 class ForceMeterState(NamedTuple):
@@ -89,64 +85,22 @@ class ForceMeterState(NamedTuple):
     lean: Lean
 
 
-class _Scene(NamedTuple):
-    """What a balance of forces needs beside accelerations and torques."""
-
-    load: Float[Array, " 4"]
-    engine: Float[Array, ""]
-    rolling: Float[Array, " 4"]
-    drag: Float[Array, ""]
-    slope: Float[Array, ""]
-    cosine: Float[Array, ""]
-    sine: Float[Array, ""]
-    forward: Float[Array, ""]
-    known: Bool[Array, ""]
-    felt: Bool[Array, ""]
-    unseen: UnseenBrakes
-    is_held: Bool[Array, ""]
-    held: Float[Array, " 4"]
-
-
-class _Balance(NamedTuple):
-    """(4,) forces of the wheels, told by torques and with the accelerometer; (2,) of the axles across; what
-    torques leave unexplained, N, and explain, m/s²; (4,) what the wheels turn up beyond the car, N; where
-    nothing but the load says how forces are shared."""
-
-    told: Float[Array, " 4"]
-    along: Float[Array, " 4"]
-    across: Float[Array, " 2"]
-    rest: Float[Array, ""]
-    explained: Float[Array, ""]
-    steady: Float[Array, " 4"]
-    blind: Bool[Array, ""]
-
-
 class ForceMeter(eqx.Module):
-    """Balances forces: torques tell each wheel's F_x, accelerometers the sums, ṙ the axles' F_y.
-
-    I_w ω̇_i = T_i − R F_x,i − M_rolling per wheel; what the accelerometer says beyond the sum is distributed
-    as the torques are (under brakes that no channel tells of as the file shares them, or else as the load),
-    so that force over load does not depend on the mass in the file: L Y_f = l_r m a_y + I_z ṙ − M_x and
-    L Y_r = l_f m a_y − I_z ṙ + M_x, with M_x the moment of the longitudinal forces.
+    """Follows forces from sample to sample, each as the balance at its instant has it.
 
     Attributes:
         channels: canonical channels read.
         torque_of: what drive torque is measured that tells the force at the wheels.
-        car: planar dynamics under given forces.
         knows_brakes: whether any channel tells of brakes.
-        driven: (4,) share of the drive that each wheel gets.
+        balance: of forces, at one instant.
     """
 
     channels: tuple[str, ...] = eqx.field(static=True)
     torque_of: Literal["wheels", "engine"] | None = eqx.field(static=True)
     knows_brakes: bool = eqx.field(static=True)
     _tells_all: bool = eqx.field(static=True)
-    car: SevenDofForces
+    balance: ForceBalance
     _traction: TractionMeter | None
-    driven: Float[Array, " 4"]
-    _braked: Float[Array, " 4"] | None
-    _half_track: Float[Array, " 4"]
-    _spin_noise: Float[Array, ""]
     _pitching: Float[Array, ""]
 
     def __init__(self, vehicle: Vehicle, available: Collection[str]) -> None:
@@ -159,17 +113,18 @@ class ForceMeter(eqx.Module):
             self.torque_of = "wheels" if self._traction.source == "wheels" else "engine"
             self.knows_brakes, self.channels = self._traction.knows_brakes, self._traction.channels
         self._tells_all = self.torque_of is not None and all(f"brake_torque_{w}" in available for w in WHEELS)
-        self.car = SevenDofForces.from_vehicle(vehicle)
-        driven = np.array(vehicle.driveline.drives)
-        self.driven = jnp.asarray(driven / driven.sum())
-        brakes = vehicle.brakes
-        self._braked = None
-        if brakes is not None:
-            gains = np.repeat([brakes.torque_per_pressure_front, brakes.torque_per_pressure_rear], 2)
-            self._braked = jnp.asarray(gains / gains.sum())
-        self._half_track = jnp.asarray(np.array(vehicle.geometry.half_tracks))
-        self._spin_noise = leaf(_SPUN * vehicle.sensors.wheel_speed.noise / SMOOTHING)
+        self.balance = ForceBalance(vehicle)
         self._pitching = leaf(GRAVITY * vehicle.body.pitch_gradient)
+
+    @property
+    def car(self) -> SevenDofForces:
+        """Planar dynamics under given forces."""
+        return self.balance.car
+
+    @property
+    def driven(self) -> Float[Array, " 4"]:
+        """(4,) share of the drive that each wheel gets."""
+        return self.balance.driven
 
     def init(self) -> ForceMeterState:
         """Nothing has come yet."""
@@ -231,7 +186,7 @@ class ForceMeter(eqx.Module):
         load = car.wheel_loads(lean.transferred(), accel[1])
         drag = car.drag(speed) / mass
         direction = jnp.tanh(speed / STANDSTILL_SPEED)
-        most = _LARGEST * mass * GRAVITY * radius
+        most = LARGEST * mass * GRAVITY * radius
         pulling = jnp.clip(drive.drive_torque, -most, most)
         fresh = jnp.concatenate([pulling, jnp.minimum(drive.brake_torque, most) * direction])
         new = jnp.where(state.age < STALE, -jnp.expm1(-dt / SMOOTHING), 1.0)
@@ -248,7 +203,7 @@ class ForceMeter(eqx.Module):
         unseen = brakes.unseen(drive, self.knows_brakes, held.age < STALE)
         brakes_hold = jnp.sum(drive.brake_torque) > LEAST_BRAKING * mass * radius
         brakes_hold = brakes_hold | unseen.act | (drive.age >= STALE)
-        scene = _Scene(
+        scene = Scene(
             load=load,
             engine=drive.engine,
             rolling=coefficient * load * direction,
@@ -263,8 +218,8 @@ class ForceMeter(eqx.Module):
             is_held=brakes_hold & (jnp.abs(speed) < STANDSTILL_SPEED),
             held=state.held,
         )
-        slow = self._balance(accel, signals.rate, torque, scene)
-        fast = self._balance(sharp, signals.now_rate, fresh, scene)
+        slow = self.balance.of(accel, signals.rate, torque, scene)
+        fast = self.balance.of(sharp, signals.now_rate, fresh, scene)
         kept = jnp.where(scene.is_held, state.held, slow.along)
         axles = by_axle(load)
         current = jnp.stack([by_axle(fast.along), by_axle(fast.told), fast.across])
@@ -285,7 +240,7 @@ class ForceMeter(eqx.Module):
         unsure = jnp.where(scene.felt | (scene.known & ~unseen.act), 0.0, jnp.inf)
         rotation = jnp.abs(signals.rate[YAW_RATE])
         # what one side brakes more than the other turns the car, too
-        pulled = root(jnp.sum((self._half_track * split) ** 2))
+        pulled = root(jnp.sum((self.balance.half_track * split) ** 2))
         moment = rss(_INERTIA_ERROR * car.yaw_inertia * rotation, pulled) / (axles * car.wheelbase)
         age = jnp.maximum(signals.age[ACCEL_Y], signals.age[YAW_RATE])
         missing = jnp.where(age < STALE, 0.0, jnp.inf)
@@ -328,41 +283,6 @@ class ForceMeter(eqx.Module):
         """Specific forces alone: signals are freed of the pitch that would last, not of this one."""
         return jnp.stack([lean.freed(signals[ACCEL_X], self._pitching), signals[ACCEL_Y]])
 
-    def _balance(self, accel: Array, rate: Array, torque: Array, at: _Scene) -> _Balance:
-        """Of accelerations (2,), rates (8,) of all signals and torques (8,), all equally late."""
-        mass, radius = self.car.mass, self.car.wheel_radius[0]
-        moves = (accel[0] - at.slope - self._half_track * rate[YAW_RATE]) / radius
-        spun = rate[SPIN] - moves
-        # a wheel turns up as the car does, or a good deal more: the rest is noise of its speed
-        spun = jnp.where(at.felt, damped(spun, self._spin_noise), spun)
-        told = (torque[:4] - torque[4:] - self._turns_up(moves + spun, at.engine)) / radius - at.rolling
-        # wheels that nothing drives need no torque to be told, unless it is a brake's
-        told = jnp.where(at.known | ((self.driven == 0) & at.felt), told, 0.0)
-        turn = steered_cosines(at.cosine)
-        across = self._across(told, accel[1], rate[YAW_RATE], at.cosine, at.sine, _TRAIL * at.forward)
-        pull = jnp.sum(told * turn) - across[0] * at.sine
-        rest = mass * (accel[0] + at.drag) - pull
-        most = _LARGEST * mass * GRAVITY * radius
-        share = jnp.abs(torque[:4]) + jnp.abs(torque[4:]) + 0.02 * most * self.driven
-        blind = at.unseen.act | ((at.unseen.may_act | ~at.known) & (at.forward * rest < 0))
-        share = jnp.where(at.known, share / jnp.sum(share), self.driven)
-        braked = at.load / jnp.sum(at.load) if self._braked is None else self._braked
-        share = jnp.where(blind, braked, share)
-        along = told + jnp.where(at.felt, share * rest, 0.0) / turn
-        # wheels that brakes lock keep each tire distorted as it stopped, and what the car then swings back by
-        # distorts all alike
-        along = jnp.where(at.is_held, at.held + jnp.mean(along - at.held), along)
-        # without what the wheels turn up beyond the car; the sum stays what the accelerometer tells
-        spun = self._turns_up(spun, at.engine) / radius
-        steady = along + jnp.where(at.known, spun - share * jnp.sum(spun), 0.0)
-        across = self._across(along, accel[1], rate[YAW_RATE], at.cosine, at.sine, _TRAIL * at.forward)
-        return _Balance(told, along, across, rest, pull / mass - at.drag, steady, blind)
-
-    def _turns_up(self, spin: Array, engine: Array) -> Float[Array, " 4"]:
-        """(4,) torques for angular accelerations of the wheels; differentials turn an ``engine`` of so much
-        inertia, kg·m² at the wheels, with their mean."""
-        return self.car.wheel_inertia * spin + engine * self.driven * jnp.sum(self.driven * spin)
-
     def _torques(
         self, state: TractionState | None, sample: Sample, speed: Array, dt: Array
     ) -> tuple[TractionState | None, Traction]:
@@ -372,21 +292,8 @@ class ForceMeter(eqx.Module):
         mass = self.car.mass + jnp.sum(self.car.wheel_inertia) / self.car.wheel_radius[0] ** 2
         return None, Traction(z, z, z, z, z, mass, z, z + NEVER, z, z, no, no, no, four, four)
 
-    def _across(
-        self, along: Array, accel_y: Array, yaw_accel: Array, cosine: Array, sine: Array, trail: Array
-    ) -> Float[Array, " 2"]:
-        """(2,) lateral forces of the axles in their wheels' frames, N."""
-        car = self.car
-        turn = steered_cosines(cosine)
-        moment = -jnp.sum(self._half_track * along * turn)  # the left side pushes to the right
-        turning = car.yaw_inertia * yaw_accel - moment
-        # aligning moments: a lateral force acts a trail behind its axle, as the car moves
-        front = ((car.cg_to_rear_axle + trail) * car.mass * accel_y + turning) / car.wheelbase
-        rear = ((car.cg_to_front_axle - trail) * car.mass * accel_y - turning) / car.wheelbase
-        return jnp.stack([(front - (along[0] + along[1]) * sine) / cosine, rear])
-
     def _intensity(
-        self, drive: Traction, at: _Scene, jump: Array, speed: Array, gust: Array, accel: Array
+        self, drive: Traction, at: Scene, jump: Array, speed: Array, gust: Array, accel: Array
     ) -> Array:
         """White error of the specific force that torques tell, m/s²/√Hz."""
         mass, radius = self.car.mass, self.car.wheel_radius[0]
