@@ -101,6 +101,10 @@ def test_a_rough_road_and_standing_brakes_are_in_the_uncertainty(vehicle: Vehicl
     assert (rough > 1.2 * usual).all()
     parked = getattr(sharing.share(calm, known._replace(speed=0.0 * one)), name)
     assert (parked > 2 * usual).all() or name == "load_std"
+    gently = getattr(sharing.share(calm._replace(locking=0.15 * one), known._replace(speed=0.0 * one)), name)
+    locked = getattr(sharing.share(calm._replace(locking=0.7 * one), known._replace(speed=0.0 * one)), name)
+    assert (gently < 1.05 * parked).all()
+    assert (locked > 2 * parked).all() or name != "along_std"
 
 
 def test_nothing_shakes_wheels_but_their_own_jolts(vehicle: Vehicle) -> None:

@@ -9,10 +9,11 @@ from jaxtyping import Array, Bool, Float
 
 from roadstate.estimators.load_transfer import Lean
 from roadstate.estimators.signals import STANDSTILL_SPEED
+from roadstate.linalg import rss
 
 LEAST_FORCE = 10.0
 """N by which an axle or a wheel without torque shares in what torques err."""
-_PARKED = 0.06  # of the load
+_PARKED = (0.06, 0.4)  # of the load; and besides, times the square of how far wheels locked
 
 
 class Current(NamedTuple):
@@ -43,6 +44,8 @@ class AxleForces(NamedTuple):
         now: what of it is wanted without the low pass's lag.
         stir: (2, 2) by how much the axles' F_x and F_y were ahead of the low pass lately, at most, N.
         jolt: (4,) the same of the wheels' F_x, N.
+        locking: how far brakes have locked wheels of late, or drive has spun them: by how much the rim of one
+            gained on the car at most, over g, no more than 1; of a car that brakes hold, as it stopped.
         shaken: (2,) root mean square of what the road shakes the accelerometers by, m/s².
         along_std, across_std: (4,), (2,) 1σ over load, beyond what every such measurement errs; infinite
             where nothing tells.
@@ -68,6 +71,7 @@ class AxleForces(NamedTuple):
     now: Current
     stir: Float[Array, "2 2"]
     jolt: Float[Array, " 4"]
+    locking: Float[Array, ""]
     shaken: Float[Array, " 2"]
     along_std: Float[Array, " 4"]
     across_std: Float[Array, " 2"]
@@ -115,9 +119,15 @@ def by_axle(wheels: Float[Array, " 4"]) -> Float[Array, " 2"]:
     return wheels.reshape(2, 2).sum(axis=1)
 
 
-def parked(load: Float[Array, " k"], speed: Float[Array, ""]) -> Float[Array, " k"]:
-    """1σ, N, of what axles or wheels of so much load (N), held by brakes, push against each other."""
-    return _PARKED * load * jnp.exp(-((speed / STANDSTILL_SPEED) ** 2))
+def parked(
+    load: Float[Array, " k"], speed: Float[Array, ""], locking: Float[Array, ""]
+) -> Float[Array, " k"]:
+    """1σ, N, of what axles or wheels of so much load (N), held by brakes, push against each other.
+
+    A stop of wheels that lock and turn by turns ends with any of them on its tire's curve.
+    """
+    share = rss(_PARKED[0], _PARKED[1] * locking**2)
+    return share * load * jnp.exp(-((speed / STANDSTILL_SPEED) ** 2))
 
 
 def damped(value: Float[Array, ...], noise: Float[Array, ...]) -> Float[Array, ...]:

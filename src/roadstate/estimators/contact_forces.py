@@ -54,6 +54,7 @@ _STIRRED = 0.15  # s for which what stirs up wheels and brakes goes on
 # an axle's F_y over its load up to which it is low-passed, as a share of what a rough road shakes the car by
 # both ways, and at the least; and s over which
 _BOUNCES, _STEADY, _BOUNCE_TIME = 8.0, 1e-3, 0.2
+_LOCKED = 3.0  # s for which it is remembered that brakes locked wheels
 _DIFFERENTIAL = 0.1  # 1σ of what a wheel gets of an engine's torque, as a share of it
 
 
@@ -70,6 +71,7 @@ class ForceMeterState(NamedTuple):
             alone tell it, and F_y without what a rough road shakes, N: the current ones low-passed.
         stir, jolt: (2, 2), (4,) as :class:`~roadstate.estimators.axle_forces.AxleForces`.
         held: (4,) F_x of the wheels when brakes last let the car move, N.
+        locking: as :class:`~roadstate.estimators.axle_forces.AxleForces`.
         lean: of the body, that shifts load from axle to axle.
     """
 
@@ -82,6 +84,7 @@ class ForceMeterState(NamedTuple):
     stir: Float[Array, "2 2"]
     jolt: Float[Array, " 4"]
     held: Float[Array, " 4"]
+    locking: Float[Array, ""]
     lean: Lean
 
 
@@ -140,6 +143,7 @@ class ForceMeter(eqx.Module):
             jnp.zeros((2, 2)),
             jnp.zeros(4),
             jnp.zeros(4),
+            jnp.zeros(()),
             Lean.upright(),
         )
 
@@ -149,7 +153,7 @@ class ForceMeter(eqx.Module):
         now, still, no = Current(two, two, two, zero), jnp.zeros((2, 2)), jnp.zeros((), bool)
         load = self.car.wheel_loads(zero, zero)
         return AxleForces(
-            four, two, load, four, four, now, still, four, two, four + jnp.inf, two + jnp.inf, two,
+            four, two, load, four, four, now, still, four, zero, two, four + jnp.inf, two + jnp.inf, two,
             Lean.upright(), zero, zero, zero, zero, zero, zero, zero + 1.0, zero, zero, zero + NEVER,
             no, no, no,
         )  # fmt: skip
@@ -221,6 +225,8 @@ class ForceMeter(eqx.Module):
         slow = self.balance.of(accel, signals.rate, torque, scene)
         fast = self.balance.of(sharp, signals.now_rate, fresh, scene)
         kept = jnp.where(scene.is_held, state.held, slow.along)
+        locking = jnp.maximum(jnp.minimum(slow.spun / GRAVITY, 1.0), state.locking * jnp.exp(-dt / _LOCKED))
+        locking = jnp.where(scene.is_held, state.locking, locking)
         axles = by_axle(load)
         current = jnp.stack([by_axle(fast.along), by_axle(fast.told), fast.across])
         # anti-lock brakes shake a car along, swift steering across, but only a rough road both ways
@@ -255,6 +261,7 @@ class ForceMeter(eqx.Module):
             now=now,
             stir=stir,
             jolt=jolt,
+            locking=locking,
             shaken=signals.shaken,
             along_std=split / jnp.maximum(load, 0.1 * jnp.mean(load)) + unsure,
             across_std=rss(moment, _PLACE_ERROR * rotation / GRAVITY, goes_on) + missing,
@@ -276,7 +283,7 @@ class ForceMeter(eqx.Module):
         )
         told = jnp.stack([forces.explained, forces.intensity, apart])
         return ForceMeterState(
-            traction, brakes, torque, drive.age, told, calm, stir, jolt, kept, lean
+            traction, brakes, torque, drive.age, told, calm, stir, jolt, kept, locking, lean
         ), forces
 
     def _freed(self, signals: Float[Array, " 8"], lean: Lean) -> Float[Array, " 2"]:
@@ -288,9 +295,8 @@ class ForceMeter(eqx.Module):
     ) -> tuple[TractionState | None, Traction]:
         if self._traction is not None and state is not None:
             return self._traction.read(state, sample, speed, dt)
-        z, four, no = jnp.zeros(()), jnp.zeros(4), jnp.zeros((), bool)
-        mass = self.car.mass + jnp.sum(self.car.wheel_inertia) / self.car.wheel_radius[0] ** 2
-        return None, Traction(z, z, z, z, z, mass, z, z + NEVER, z, z, no, no, no, four, four)
+        turning = jnp.sum(self.car.wheel_inertia) / self.car.wheel_radius[0] ** 2
+        return None, Traction.unknown(self.car.mass + turning)
 
     def _intensity(
         self, drive: Traction, at: Scene, jump: Array, speed: Array, gust: Array, accel: Array

@@ -68,6 +68,7 @@ class Balance(NamedTuple):
         explained: what they explain, m/s².
         steady: (4,) ``along`` without what the wheels turn up beyond the car, N.
         blind: whether nothing but the load says how forces are shared.
+        spun: by how much a wheel's rim gains on the car, at most, m/s².
     """
 
     told: Float[Array, " 4"]
@@ -77,6 +78,7 @@ class Balance(NamedTuple):
     explained: Float[Array, ""]
     steady: Float[Array, " 4"]
     blind: Bool[Array, ""]
+    spun: Float[Array, ""]
 
 
 class ForceBalance(eqx.Module):
@@ -121,6 +123,7 @@ class ForceBalance(eqx.Module):
         spun = rate[SPIN] - moves
         # a wheel turns up as the car does, or a good deal more: the rest is noise of its speed
         spun = jnp.where(at.felt, damped(spun, self._spin_noise), spun)
+        gains = radius * jnp.max(jnp.abs(spun))
         told = (torque[:4] - torque[4:] - self._turns_up(moves + spun, at.engine)) / radius - at.rolling
         # wheels that nothing drives need no torque to be told, unless it is a brake's
         told = jnp.where(at.known | ((self.driven == 0) & at.felt), told, 0.0)
@@ -142,7 +145,7 @@ class ForceBalance(eqx.Module):
         spun = self._turns_up(spun, at.engine) / radius
         steady = along + jnp.where(at.known, spun - share * jnp.sum(spun), 0.0)
         across = self._across(along, accel[1], rate[YAW_RATE], at)
-        return Balance(told, along, across, rest, pull / mass - at.drag, steady, blind)
+        return Balance(told, along, across, rest, pull / mass - at.drag, steady, blind, gains)
 
     def _turns_up(self, spin: Array, engine: Array) -> Float[Array, " 4"]:
         """(4,) torques for angular accelerations of the wheels; differentials turn an ``engine`` of so much

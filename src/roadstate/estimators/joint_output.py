@@ -138,7 +138,7 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
     shaken = jnp.asarray(_SHAKEN, axles.dtype) * forces.shaken / GRAVITY
     along = scale * straight
     rough = rss(_ROUGH[0] * axles, shaken[0] * axles, _SHARED * straight, straight_std)
-    along_std = rss(scale_std * straight, rough, parked(axles, mean[SPEED]))
+    along_std = rss(scale_std * straight, rough, parked(axles, mean[SPEED], forces.locking))
     unsure = 0.5 * by_axle(forces.along_std)
     spread = jnp.where(jnp.isfinite(unsure), unsure, 1.0) * axles
     across = scale * lateral

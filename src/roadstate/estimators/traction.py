@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from roadstate.core.channels import WHEELS
 from roadstate.core.errors import InputError
 from roadstate.estimators.base import Sample
-from roadstate.estimators.signals import STANDSTILL_SPEED, Held
+from roadstate.estimators.signals import NEVER, STANDSTILL_SPEED, Held
 from roadstate.linalg import root
 
 if TYPE_CHECKING:
@@ -75,6 +75,12 @@ class Traction(NamedTuple):
     is_brake_unknown: Bool[Array, ""]
     drive_torque: Float[Array, " 4"]
     brake_torque: Float[Array, " 4"]
+
+    @classmethod
+    def unknown(cls, inertia: Float[Array, ""]) -> Traction:
+        """Of a car of so much :attr:`inertia` that no channel of its drive tells of."""
+        z, four, no = jnp.zeros(()), jnp.zeros(4), jnp.zeros((), bool)
+        return cls(z, z, z, z, z, inertia, z, z + NEVER, z, z, no, no, no, four, four)
 
 
 class TractionState(NamedTuple):

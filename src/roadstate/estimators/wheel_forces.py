@@ -91,7 +91,7 @@ class WheelSharing(eqx.Module):
     def share(self, forces: AxleForces, known: Known) -> WheelForces:
         """Of forces on a car of the file's mass, and what is known of the axles beyond them."""
         load = jnp.maximum(forces.load, 1.0)
-        held = parked(load, known.speed)
+        held = parked(load, known.speed, forces.locking)
         calm = _twice(by_axle(load)) / 2
         shaken = jnp.asarray(_SHAKEN, load.dtype)[:, None] * jnp.min(forces.shaken) / GRAVITY * calm
         torques = known.mass * forces.along
