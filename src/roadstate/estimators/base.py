@@ -22,6 +22,10 @@ if TYPE_CHECKING:
 Sample = Mapping[str, Float[Array, ""]]
 """One instant: a scalar for each of the estimator's channels, SI units, NaN where missing."""
 
+SILENT_STEP = 0.1
+"""Seconds of the shortest steps, without any sample, that lead through a break in a log: see
+:func:`roadstate.run.chunk.through`. A sample that leads out of one comes sooner."""
+
 
 def leaf(value: float) -> Float[Array, ""]:
     """A parameter as an array, so that its value is data to the compiled step and not part of it."""

@@ -42,7 +42,7 @@ _GUST = 3.0  # m/s/√Hz: a wind that varies by 1 m/s over 5 s
 _TURNING = 0.05  # 1σ of the share of the front axle's lateral force that steering turns backward
 _SPLIT_ERROR = 0.3  # 1σ of what each wheel brakes where nothing tells, as a share of what one does at most
 _INERTIA_ERROR = 0.1  # 1σ of the yaw inertia, as a share of it
-_GOES_ON = 0.5  # 1σ of how a_y changes until its next sample, as a share of how it has
+_UNTIL_NEXT = 0.5  # 1σ of how a_y changes until its next sample, as a share of how it has
 _PLACE_ERROR = 0.05  # m: 1σ of where the IMU is along the car, once that has been learned
 CALM = 0.1
 """m/s²/√Hz: error of the torques' force beyond which it is not the usual one."""
@@ -250,7 +250,7 @@ class ForceMeter(eqx.Module):
         moment = rss(_INERTIA_ERROR * car.yaw_inertia * rotation, pulled) / (axles * car.wheelbase)
         age = jnp.maximum(signals.age[ACCEL_Y], signals.age[YAW_RATE])
         missing = jnp.where(age < STALE, 0.0, jnp.inf)
-        goes_on = _GOES_ON * jnp.abs(signals.rate[ACCEL_Y]) * jnp.minimum(age, STALE) / GRAVITY
+        goes_on = _UNTIL_NEXT * jnp.abs(signals.rate[ACCEL_Y]) * jnp.minimum(age, STALE) / GRAVITY
         gust = 2 * drag / jnp.maximum(jnp.abs(speed), 1.0) * _GUST
         forces = AxleForces(
             along=slow.along,

@@ -16,7 +16,7 @@ from roadstate.core.kernel import once
 from roadstate.core.numerics import in_default, in_single
 from roadstate.estimators import slip_jump
 from roadstate.estimators.astray import are_possible
-from roadstate.estimators.base import leaf
+from roadstate.estimators.base import SILENT_STEP, leaf
 from roadstate.estimators.friction_curve import Grip, bounded, theoretical_slip
 from roadstate.estimators.friction_wheels import Aside, Wheels
 from roadstate.estimators.intake import SMOOTHING
@@ -60,7 +60,6 @@ _ANGLE_ERROR = 0.002  # rad: 1σ of a slip angle, besides what v_y and the steer
 _BEND = 0.3  # 1σ of an axle's force, as a share of what it lacks of a linear one
 _ANEW = (0.06, 12.0)  # change of a force over load that tells anew; else it does after s
 _LEAST_STEP = 1e-3
-_BREAK = 0.09  # s: steps in which nothing is told, of so long and more, lead through a break in the log
 _FLOOR = 1e-15  # of a probability
 # Which evidence counts for which part: F_y front, rear, F_x of four wheels. The parts: the car as if it stood
 # on one road, its wheels, its sides.
@@ -204,7 +203,7 @@ class FrictionBank(eqx.Module):
         told = jnp.concatenate([touch.across, touch.along, jnp.clip(linear, -1.0, 1.0), slips])
         tells = jnp.isfinite(jnp.concatenate([touch.across_std, *[touch.along_std] * 3]))
         # what was before a break is no measure of what is after it
-        known = jnp.where(tells | (dt < _BREAK), state.level, slip_jump.NOTHING)
+        known = jnp.where(tells | (dt < 0.9 * SILENT_STEP), state.level, slip_jump.NOTHING)
         told = once(jnp.where(tells, told, known))
         memory = jnp.where(known < slip_jump.NOTHING, known, told)
         change = told - memory

@@ -42,7 +42,7 @@ _TEETH = 0.2  # rad/s: 1σ of a wheel's sample by teeth out of place
 _TOOTH = (0.04, 0.12)  # m from tooth to tooth, one of which a speed is late besides, and s at the most
 _LATE_ERROR = 0.5  # 1σ of that lateness, as a share of it
 _YIELDS = 0.01  # s: lag of the force behind the angle that suspension and steering add to the tire's
-_LEVER = 0.85  # of the centre of gravity over the axis that the body rolls about, over its height
+_SWAY_ARM = 0.85  # of the centre of gravity over the axis that the body rolls about, over its height
 _LAG_ERROR = 0.015  # s: 1σ of that lag
 _SLIDES = 0.5  # m/s² by which a car on locked wheels slows down at the least
 _VAGUE = 1.0  # m/s: 1σ of a speed that tells nothing of which wheel slips
@@ -110,7 +110,7 @@ class TireContact(eqx.Module):
         self.noise = leaf(vehicle.wheels.radius * vehicle.sensors.wheel_speed.noise)
         self.slip_stiffness, self.relaxation = leaf(tires.slip_stiffness), leaf(tires.relaxation_length)
         self.places = jnp.asarray([geometry.cg_to_front_axle, -geometry.cg_to_rear_axle])
-        self.sway = leaf(_LEVER * geometry.cg_height * vehicle.body.roll_gradient)
+        self.sway = leaf(_SWAY_ARM * geometry.cg_height * vehicle.body.roll_gradient)
         self.half_track = jnp.asarray(np.array(geometry.half_tracks))
 
     def init(self) -> ContactState:

@@ -16,7 +16,7 @@ from roadstate import __version__
 from roadstate.core import Estimates, InputError, Log
 from roadstate.core.gaussian import Gate, Info, Reason
 from roadstate.core.packing import Layout
-from roadstate.estimators.base import Estimate, Estimator
+from roadstate.estimators.base import SILENT_STEP, Estimate, Estimator
 
 R = TypeVar("R")
 
@@ -42,8 +42,7 @@ BREAK = 5.0
 In one step it would take what it last heard for what went on all the while. A log with a sample every few
 seconds has no breaks, but a low rate.
 """
-_STEP = 0.1  # s: of the first steps through a break; then each is twice as long
-_LISTENS = 5  # of the first, until all is stale
+_LISTENS = 5  # of the first steps through a break, until all is stale; then each is twice as long
 _LAST = 0.02  # s: of the one that leads to the sample
 
 
@@ -137,7 +136,7 @@ def through(gap: float) -> list[float]:
     steps: list[float] = []
     left = min(gap, LONGEST_BREAK) - _LAST
     while left > 0:
-        longest = _STEP * 2.0 ** max(len(steps) - _LISTENS + 1, 0)
+        longest = SILENT_STEP * 2.0 ** max(len(steps) - _LISTENS + 1, 0)
         steps.append(left if left < 1.5 * longest else longest)
         left -= steps[-1]
     return [*steps, _LAST]
