@@ -69,6 +69,7 @@ _LAGS = 0.1  # s by which the accelerometer may be late when the gyroscope is no
 _TURNS_HARD = 2.0  # m/s² across at which v_y r, without a yaw rate, may be a slope's part
 _PATIENCE = 300  # samples for which a spinning or locked wheel may be refused
 _CONFIRMED = 3.0  # samples of a speed signal, in a row, that wheels confirm and the filter contradicts
+_UNHEARD = 1.0  # s without a speed, which accelerations alone carry on no further
 _ROLLED = 0.2  # s for which wheels that roll freely contradict it, which count as much as one of these
 
 
@@ -248,7 +249,7 @@ class Joint(Estimator[JointState]):
         bias = x[BIAS] + x[SCALE] * state.latest.lean.lasting
         error = jnp.stack([bias, jnp.zeros_like(bias)])
         rolls = self._rolls(seen)
-        moving = jnp.where(state.speed_age < NEVER, x[SPEED], self._first_speed(sample, seen, rolls))
+        moving = self._moves(state, sample, seen, rolls)
         meter, balance = self.forces.read(state.forces, sample, seen, moving, error, x[SLOPE], dt)
         forces = balance._replace(age=jnp.where(verdict.lies[TORQUE], NEVER, balance.age))
         contact, u, z = self.inputs.read(
@@ -366,12 +367,16 @@ class Joint(Estimator[JointState]):
         rims = self.forces.car.wheel_radius * jnp.where(told, seen.value[SPIN], 0.0)
         return jnp.sum(rims) / jnp.maximum(jnp.sum(told), 1)
 
-    def _first_speed(self, sample: Sample, seen: Signals, rolls: Float[Array, ""]) -> Float[Array, ""]:
-        """What wheels, or else a receiver, say of the speed before the filter does: a car that is taken to
-        stand could be held by its brakes, and air does not resist it."""
+    def _moves(self, state: JointState, sample: Sample, seen: Signals, rolls: Array) -> Float[Array, ""]:
+        """The speed at which air resists the car, and brakes slow or hold it, m/s: before the filter knows of
+        any, what wheels, or else a receiver, say; 0 where none has been heard for so long that the car may
+        stand as well, or roll back, and brakes push either way."""
         other = sample["speed"] if "speed" in self.channels else jnp.zeros(())
-        other = jnp.where(jnp.isfinite(other), other, 0.0)
-        return jnp.where(jnp.any(seen.is_fresh[SPIN]), rolls, other)
+        told = jnp.any(seen.is_fresh[SPIN])
+        first = jnp.where(told, rolls, jnp.where(jnp.isfinite(other), other, 0.0))
+        known = state.along.gaussian
+        lost = (state.speed_age > _UNHEARD) & (jnp.abs(known.mean[SPEED]) < 2 * known.std[SPEED])
+        return jnp.where(state.speed_age < NEVER, jnp.where(lost, 0.0, known.mean[SPEED]), first)
 
     def _friction(self, bank: BankState) -> Float[Array, "3 5"]:
         low, high = self.bank.quantiles(bank, _BOUNDS)
