@@ -150,6 +150,16 @@ def test_an_accelerometer_behind_the_centre_feels_the_yaw_acceleration(
     assert bool(meter.is_faulty(last)) is is_odd
 
 
+@pytest.mark.parametrize("drift", [0.0, 0.3])
+def test_a_lateral_accelerometer_that_drifts_is_no_bank(drift: float, vehicle: Vehicle) -> None:
+    """.3 m/s² more each second, straight on: a road that tilts would do it, and the car would roll."""
+    time = np.arange(0, 6, DT)
+    noise = np.random.default_rng(1).normal(0, 0.005, len(time))
+    meter = RollMeter(vehicle)
+    last, *_ = told(meter, noise, drift * time, 0 * time)
+    assert bool(meter.is_faulty(last)) is (drift > 0)
+
+
 def test_gaps_and_spikes_tell_nothing(vehicle: Vehicle) -> None:
     time = np.arange(0, 2, DT)
     noise = np.random.default_rng(1).normal(0, 0.002, len(time))

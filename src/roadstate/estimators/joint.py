@@ -320,7 +320,7 @@ class Joint(Estimator[JointState]):
         turned = (turned | direction.is_refuted(state.direction)) & (rolls * speed < 0)
         trust = once(select(turned, self.trust.init(), trust))
         moved = self.radii.has_moved(radii)
-        caught = jnp.any(found) | turned | moved
+        caught = jnp.any(found) | turned | moved | self.roll.contradicts(roll)
         rolls = jnp.where(jnp.any(seen.is_fresh[SPIN]), share * contact.rolling, speed)
         against = state.against
         if "speed" in self.channels and any(self.signals.has[SPIN]):
@@ -389,8 +389,9 @@ class Joint(Estimator[JointState]):
     @property
     def fault_names(self) -> tuple[str, ...]:
         """As :attr:`Estimator.fault_names`."""
-        own = sensor_fault_names(self.signals.named, (*self.sensors, "roll_rate"))
-        return (*self.watch.fault_names, *own, *self.trust.fault_names(self.signals.named))
+        own = sensor_fault_names(self.signals.named, self.sensors)
+        rolls = "roll_rate: it and accel_y contradict each other, or it jumps as no car does"
+        return (*self.watch.fault_names, *own, rolls, *self.trust.fault_names(self.signals.named))
 
     def _faults(self, state: JointState) -> Bool[Array, " f"]:
         watch, verdict = state.watch, self.trust.verdict(state.trust)

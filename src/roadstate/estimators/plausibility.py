@@ -245,8 +245,9 @@ class Plausibility(eqx.Module):
         others = jnp.asarray(_OTHERS) & ready & (~(together & jnp.asarray(_IS_WHEEL)))
         y, variance, others = once((y, variance, others))
         reference, apart, count = inner_mean(jnp.broadcast_to(y, (_COUNT, _COUNT)), others)
-        theirs = jnp.sum(jnp.where(others, variance, 0.0), axis=1) / jnp.maximum(count, 1.0)
-        total = jnp.maximum(variance + theirs + apart, 1e-9)
+        # as extremes do not count, one that is hardly sure makes the mean no worse than another would
+        theirs = jnp.sum(jnp.where(others, jnp.sqrt(variance), 0.0), axis=1) / jnp.maximum(count, 1.0)
+        total = jnp.maximum(variance + theirs**2 + apart, 1e-9)
         # a slope is no fault of the wheels
         steep = np.where(np.arange(_COUNT) == _WHEELS, _GRADE, 0.0)
         right = 0.5 * (y - reference) ** 2 / (total + steep**2)

@@ -144,6 +144,10 @@ class RollMeter(eqx.Module):
         new = RollState(gyro, bias, heard, steady, unrest, check.anew(odd), distrust)
         return new, jnp.stack([jnp.where(known, rate, 0.0), jnp.where(known, white, jnp.inf)])
 
+    def contradicts(self, state: RollState) -> Bool[Array, ""]:
+        """Whether it has just turned out that either the gyroscope or the lateral accelerometer fails."""
+        return state.distrust >= _DISTRUST
+
     def is_faulty(self, state: RollState) -> Bool[Array, ""]:
         """Whether samples are refused or contradict the lateral accelerometer."""
         return (state.distrust > 0) | (state.gyro.refused > 0)

@@ -11,9 +11,9 @@ from roadstate.core.constants import GRAVITY
 
 GRADIENT_ERROR = 0.3
 """1σ of the roll gradient, as a share; and of how swiftly the body follows it."""
-APART_TIME = 2.0
+APART_TIME = 4.0
 """s for which what the rate adds up to is compared with what a bank does to accel_y."""
-_APART = 0.07  # rad: so far apart they are only when the gyroscope fails
+_APART = 0.08  # rad: so far apart they are only when one of them fails
 _BRIEF = 0.2  # s of a difference that means nothing: tires shake a car sideways
 _SURE = 5.0  # 1σ of what is added up, that many times
 _SLIDES = (0.06, 0.8, 1.0)  # m/s: what 1σ of v_y has beyond, counts; rad per m/s of it; s for which
