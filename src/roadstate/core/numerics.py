@@ -31,6 +31,8 @@ LOOP_OPTIONS: dict[str, bool | str | int] = {
     "xla_cpu_experimental_ynn_fusion_type": "",
     # what the compiler does beyond this takes a third of its time and gains a step nothing
     "xla_backend_optimization_level": 1,
+    # a bank of 32 hypotheses is two of the widest vectors there are; a processor without them takes its own
+    "xla_cpu_prefer_vector_width": 512,
 }
 """XLA's, for programs of many operations on small arrays."""
 
