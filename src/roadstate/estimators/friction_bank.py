@@ -17,7 +17,7 @@ from roadstate.core.numerics import in_default, in_single
 from roadstate.estimators import slip_jump
 from roadstate.estimators.astray import are_possible
 from roadstate.estimators.base import SILENT_STEP, leaf
-from roadstate.estimators.friction_curve import Grip, bounded, theoretical_slip
+from roadstate.estimators.friction_curve import Grip, bounded, chord, elastic, theoretical_slip
 from roadstate.estimators.friction_wheels import Aside, Wheels
 from roadstate.estimators.intake import SMOOTHING
 from roadstate.estimators.mixture import follow, inherit, learn, likeliest, moments, padded, weigh
@@ -231,7 +231,7 @@ class FrictionBank(eqx.Module):
         along = once(self.wheels.linear(mixed.y, touch))
         across_evidence: list[Array] = []
         for axle in range(2):
-            force = self._told(x, touch, along, axle)
+            force = self._told(x, P[V_Y, V_Y], touch, along, axle)
             # where a tire bends, its force tells little of how far it slips
             noise = force.noise + (_BEND * force.bend) ** 2, force.noise
             counts = soon, jnp.maximum(lasts[axle] / step, 1.0)
@@ -257,14 +257,20 @@ class FrictionBank(eqx.Module):
         merged = moments(x, variance, jnp.sum(weight[:, 0], axis=0))
         return BankState(weight, x, P, y, Y, merged, level), in_default((most + jnp.log(total))[0, 0, 0])
 
-    def _told(self, x: Array, touch: Touch, along: Array, axle: int) -> _Told:
-        """What an axle's F_y/F_z tells of the states; its wheels' F_x/F_z were ``along`` if linear."""
+    def _told(self, x: Array, unsure: Array, touch: Touch, along: Array, axle: int) -> _Told:
+        """What an axle's F_y/F_z tells, v_y having a variance; its wheels' F_x/F_z, if linear: ``along``."""
         speed = jnp.maximum(jnp.abs(touch.speed), SLOWEST)
         stiffness = self._cornering(x, touch, axle)
         linear = stiffness * self._angle(x, touch, speed, axle)
         wheels = slice(2 * axle, 2 * axle + 2)
         here = self._axle(x, along[wheels], linear, touch.bears[wheels])
-        by_angle = here.across_by_angle * stiffness
+        # where v_y is so unsure that tires may slide or not, a slope of the curve is none over that width
+        measured = touch.across[axle]
+        bent = elastic(measured, self.friction, self.wheels.shape + x[SHAPE])
+        slope = chord(linear, here.across, bent, measured, self.friction)
+        wide = unsure * (stiffness / speed) ** 2
+        steeper = jnp.maximum(slope - here.across_by_angle, 0.0) * wide / (wide + self.friction**2)
+        by_angle = (here.across_by_angle + steeper) * stiffness
         lagged = -by_angle / speed
         rows = [jnp.zeros_like(lagged)] * SIZE  # stacked: writing one by one costs a pass each
         rows[V_Y], rows[BANK] = lagged, lagged * touch.lag
@@ -277,7 +283,6 @@ class FrictionBank(eqx.Module):
         if axle == 0:
             rows[STEER_BIAS] = -by_angle * jnp.sign(touch.speed)
             rows[GIVE_F] = -by_angle * touch.across[0]
-        measured = touch.across[axle]
         noise = self._shake**2 + FORCE_ERROR[0] ** 2 + (FORCE_ERROR[1] * measured) ** 2
         turning = touch.across_std[axle] ** 2
         noise = noise + turning + touch.shaken[1] ** 2

@@ -97,6 +97,22 @@ def elastic(force: Numbers, friction: Numbers, shape: Numbers) -> Numbers:
     return jnp.sign(force) * friction * factor * sine / cosine
 
 
+def chord(linear: Numbers, told: Numbers, bent: Numbers, force: Numbers, friction: Numbers) -> Numbers:
+    """Mean slope, over c, of the curve from the slip there is to the one that goes with the force there is.
+
+    Next to its peak a curve is flat, and yet no slip there goes with half the force.
+
+    Args:
+        linear: c σ of a slip, at which the curve has
+        told: so much force over load.
+        bent: :func:`elastic` of
+        force: F/F_z measured; 0 comes of one that hardly tells the slip.
+        friction: μ.
+    """
+    apart = jnp.maximum(jnp.abs(linear - bent), _LEAST)
+    return jnp.where(jnp.abs(force) < TOP * friction, jnp.abs(told - force) / apart, 0.0)
+
+
 def theoretical_slip(slip: Numbers) -> Numbers:
     """σ = κ/(1 + κ) of a practical slip κ, as far as a wheel that is nearly locked (Pacejka, ch. 3)."""
     return slip / jnp.maximum(1 + slip, 0.1)

@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float
 
 from roadstate.estimators import slip_jump
 from roadstate.estimators.base import leaf
-from roadstate.estimators.friction_curve import TOP, Grip, bounded, elastic, theoretical_slip
+from roadstate.estimators.friction_curve import Grip, bounded, chord, elastic, theoretical_slip
 from roadstate.estimators.mixture import learn, weigh
 from roadstate.estimators.sideways import FORCE_ERROR, FORCE_ERROR_TIME, SLOWEST, Touch
 from roadstate.linalg import rss
@@ -145,11 +145,8 @@ class Wheels(eqx.Module):
         stiff = self.slip_stiffness * jnp.exp(y[:, 0])
         shape = self.shape + y[:, 1]
         here = bounded(linear, across, friction, shape)
-        # As slips are uncertain, what matters is the curve's slope between the slip measured and the one that
-        # the force tells: next to its peak a curve is flat, and yet no slip there goes with half the force.
+        # as slips are uncertain, what matters is the slope between the slip measured and what the force tells
         force = touch.along[:, None]
         bent = elastic(force, friction, shape)
-        apart = jnp.maximum(jnp.abs(linear - bent), 1e-6 * stiff)
-        chord = jnp.abs(here.along - force) / apart
-        slope = jnp.maximum(here.along_by_ratio, jnp.where(jnp.abs(force) < TOP * friction, chord, 0.0))
+        slope = jnp.maximum(here.along_by_ratio, chord(linear, here.along, bent, force, friction))
         return here, stiff * here.along_by_ratio, stiff * slope, bent
