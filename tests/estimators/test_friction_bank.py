@@ -12,7 +12,7 @@ from roadstate.core.kernel import equations
 from roadstate.core.numerics import in_single
 from roadstate.estimators import slip_jump
 from roadstate.estimators.friction_bank import VIEWS, BankState, FrictionBank
-from roadstate.estimators.friction_curve import bounded, elastic, grip
+from roadstate.estimators.friction_curve import bounded
 from roadstate.estimators.sideways import BIAS_R, GIVE_F, SIZE, STIFF_F, STIFF_R, V_Y, Sideways, Touch
 from roadstate.vehicles import Vehicle
 
@@ -28,48 +28,6 @@ def touch(along: float | list[float] = 0.0, slip: float | list[float] = 0.0) -> 
         shaken=two, bears=jnp.full(4, 0.5), lag=zero + 0.05, banking=jnp.asarray([0.0, jnp.inf]),
         spins=zero > 0,
     )  # fmt: skip
-
-
-class TestCurve:
-    def test_small_slips_are_linear_and_large_ones_reach_the_friction(self) -> None:
-        small = grip(jnp.asarray(0.0), jnp.asarray(1e-3), jnp.asarray(0.8), jnp.asarray(1.45))
-        assert float(small.across) == pytest.approx(1e-3, rel=1e-3)
-        slips = jnp.linspace(0.0, 8.0, 4001)
-        force = grip(jnp.zeros_like(slips), slips, jnp.asarray(0.8), jnp.asarray(1.45)).across
-        assert float(jnp.max(force)) == pytest.approx(0.8, rel=1e-5)
-
-    @pytest.mark.parametrize("share", [-0.9, -0.3, 0.0, 0.5, 0.94])
-    def test_a_force_tells_the_slip_of_the_rising_branch(self, share: float) -> None:
-        friction, shape = jnp.asarray(0.7), jnp.asarray(1.5)
-        slip = elastic(share * friction, friction, shape)
-        force = bounded(slip, jnp.zeros(()), friction, shape).along
-        assert float(force) == pytest.approx(share * 0.7, abs=1e-6)
-
-    def test_no_shape_factor_leaves_those_there_are(self) -> None:
-        """However far a linear update goes, a tire that slides keeps a good part of its friction."""
-        sliding = bounded(jnp.asarray(500.0), jnp.zeros(()), jnp.asarray(1.0), jnp.linspace(-3.0, 6.0, 50))
-        assert float(jnp.min(sliding.along)) > 0.3
-        assert float(jnp.max(sliding.along)) <= 1.0
-        by_shape = jax.grad(lambda c: bounded(jnp.asarray(3.0), jnp.asarray(1.0), 0.8, c).along)
-        here = bounded(jnp.asarray(3.0), jnp.asarray(1.0), jnp.asarray(0.8), jnp.asarray(1.6))
-        assert float(here.along_by_shape) == pytest.approx(float(by_shape(1.6)), rel=1e-4)
-
-    def test_combined_slip_shares_one_curve(self) -> None:
-        pure = grip(jnp.asarray(1.0), jnp.asarray(0.0), jnp.asarray(0.6), jnp.asarray(1.3))
-        both = grip(jnp.asarray(0.6), jnp.asarray(0.8), jnp.asarray(0.6), jnp.asarray(1.3))
-        assert float(jnp.hypot(both.along, both.across)) == pytest.approx(float(pure.along), rel=1e-6)
-        assert float(both.across / both.along) == pytest.approx(0.8 / 0.6)
-
-    def test_slopes_are_those_of_the_force(self) -> None:
-        friction, shape = jnp.asarray(0.7), jnp.asarray(1.5)
-        a, b = jnp.asarray(0.5), jnp.asarray(0.9)
-        here = grip(a, b, friction, shape)
-        by_b = jax.grad(lambda v: grip(a, v, friction, shape).across)(b)
-        by_a = jax.grad(lambda v: grip(v, b, friction, shape).along)(a)
-        by_shape = jax.grad(lambda v: grip(a, b, friction, v).across)(shape)
-        assert float(here.across_by_angle) == pytest.approx(float(by_b), rel=1e-4)
-        assert float(here.along_by_ratio) == pytest.approx(float(by_a), rel=1e-4)
-        assert float(here.across_by_shape) == pytest.approx(float(by_shape), rel=1e-4)
 
 
 class TestBank:

@@ -11,8 +11,7 @@ from roadstate.tires.smooth import Numbers
 
 _LEAST = 1e-6  # of a normalised slip: below it the curve is its tangent
 _SHAPES = (1.4, 0.4)  # shape factors there are: middle and half range
-TOP = 0.95
-"""Share of the friction from which on a force hardly tells the slip."""
+_TOP = 0.95  # share of the friction from which on a force hardly tells the slip
 
 
 class Grip(NamedTuple):
@@ -92,7 +91,7 @@ def elastic(force: Numbers, friction: Numbers, shape: Numbers) -> Numbers:
         shape: C, kept within those there are.
     """
     factor, _ = _within(shape)
-    share = jnp.minimum(jnp.abs(force) / friction, TOP)
+    share = jnp.minimum(jnp.abs(force) / friction, _TOP)
     sine, cosine = sin_cos(arcsin(share) / factor)
     return jnp.sign(force) * friction * factor * sine / cosine
 
@@ -110,7 +109,7 @@ def chord(linear: Numbers, told: Numbers, bent: Numbers, force: Numbers, frictio
         friction: μ.
     """
     apart = jnp.maximum(jnp.abs(linear - bent), _LEAST)
-    return jnp.where(jnp.abs(force) < TOP * friction, jnp.abs(told - force) / apart, 0.0)
+    return jnp.where(jnp.abs(force) < _TOP * friction, jnp.abs(told - force) / apart, 0.0)
 
 
 def theoretical_slip(slip: Numbers) -> Numbers:
