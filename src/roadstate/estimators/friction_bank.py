@@ -264,11 +264,11 @@ class FrictionBank(eqx.Module):
         linear = stiffness * self._angle(x, touch, speed, axle)
         wheels = slice(2 * axle, 2 * axle + 2)
         here = self._axle(x, along[wheels], linear, touch.bears[wheels])
-        # where v_y is so unsure that tires may slide or not, a slope of the curve is none over that width
+        # at a crawl v_y is so unsure that tires may slide or not: a slope of the curve is none over that
         measured = touch.across[axle]
         bent = elastic(measured, self.friction, self.wheels.shape + x[SHAPE])
         slope = chord(linear, here.across, bent, measured, self.friction)
-        wide = unsure * (stiffness / speed) ** 2
+        wide = jnp.clip(3 - 2 * speed / SLOWEST, 0.0, 1.0) * unsure * (stiffness / speed) ** 2
         steeper = jnp.maximum(slope - here.across_by_angle, 0.0) * wide / (wide + self.friction**2)
         by_angle = (here.across_by_angle + steeper) * stiffness
         lagged = -by_angle / speed
