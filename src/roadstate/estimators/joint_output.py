@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 _SILENT = 3.0  # s without a channel after which the estimate is called a prediction
 _SURE = 0.6  # ratio of the 5 % to the 95 % bound from which on friction counts as known
 _ROUGH = (0.003, 0.01)  # 1σ of an axle's force along and across, as a share of its load
-_ROLLS = (0.006, 50.0)  # 1σ over load of what rolling resistance grows by until a speed, with its square; m/s
+_ROLLS = (0.006, 50.0)  # 1σ over load of what rolling resistance grows by up to a speed in m/s, with v⁴
 _CG_ERROR = 0.015  # of the wheelbase: 1σ of where the centre of gravity is along it
 _SHARED = 0.03  # 1σ of how forces along are shared by the axles, whose torques err each by itself
 # 1σ of what is added along and across to undo the low pass, as a share of it
@@ -138,7 +138,7 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
         tell("bank", bank, side_std[BANK] / (GRAVITY * jnp.cos(bank)))
     shaken = jnp.asarray(_SHAKEN, axles.dtype) * forces.shaken / GRAVITY
     along = scale * straight
-    rolls = _ROLLS[0] * (mean[SPEED] / _ROLLS[1]) ** 2 * axles
+    rolls = _ROLLS[0] * (mean[SPEED] / _ROLLS[1]) ** 4 * axles
     rough = rss(_ROUGH[0] * axles, shaken[0] * axles, _SHARED * straight, straight_std, rolls)
     along_std = rss(scale_std * straight, rough, parked(axles, mean[SPEED], forces.locking))
     unsure = 0.5 * by_axle(forces.along_std)
