@@ -59,6 +59,7 @@ _TURN_TIME = 1.5  # s for which errors last that come from how the car turns in
 _ANGLE_ERROR = 0.002  # rad: 1σ of a slip angle, besides what v_y and the steering's bias do to it
 _BEND = 0.3  # 1σ of an axle's force, as a share of what it lacks of a linear one
 _ANEW = (0.06, 12.0)  # change of a force over load that tells anew; else it does after s
+_CRAWL = 1.5 * SLOWEST  # m/s: up to there v_y may be so unsure that tires slide or not
 _LEAST_STEP = 1e-3
 _FLOOR = 1e-15  # of a probability
 # Which evidence counts for which part: F_y front, rear, F_x of four wheels. The parts: the car as if it stood
@@ -258,17 +259,19 @@ class FrictionBank(eqx.Module):
         return BankState(weight, x, P, y, Y, merged, level), in_default((most + jnp.log(total))[0, 0, 0])
 
     def _told(self, x: Array, unsure: Array, touch: Touch, along: Array, axle: int) -> _Told:
-        """What an axle's F_y/F_z tells, v_y having a variance; its wheels' F_x/F_z, if linear: ``along``."""
+        """What an axle's F_y/F_z tells of the states, ``unsure`` the variance of v_y; its wheels' F_x/F_z
+        were ``along`` if linear."""
         speed = jnp.maximum(jnp.abs(touch.speed), SLOWEST)
         stiffness = self._cornering(x, touch, axle)
         linear = stiffness * self._angle(x, touch, speed, axle)
         wheels = slice(2 * axle, 2 * axle + 2)
         here = self._axle(x, along[wheels], linear, touch.bears[wheels])
-        # at a crawl v_y is so unsure that tires may slide or not: a slope of the curve is none over that
+        # at a crawl, over all that v_y could be, the curve has no one slope
         measured = touch.across[axle]
         bent = elastic(measured, self.friction, self.wheels.shape + x[SHAPE])
         slope = chord(linear, here.across, bent, measured, self.friction)
-        wide = jnp.clip(3 - 2 * speed / SLOWEST, 0.0, 1.0) * unsure * (stiffness / speed) ** 2
+        crawls = jnp.clip((_CRAWL - speed) / (_CRAWL - SLOWEST), 0.0, 1.0)
+        wide = crawls * unsure * (stiffness / speed) ** 2
         steeper = jnp.maximum(slope - here.across_by_angle, 0.0) * wide / (wide + self.friction**2)
         by_angle = (here.across_by_angle + steeper) * stiffness
         lagged = -by_angle / speed
