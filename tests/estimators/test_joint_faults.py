@@ -166,6 +166,7 @@ def test_degrees_taken_for_radians_are_contradicted(run: Run, bends: Log) -> Non
         ("wheel_speed_rl", 7.0, lambda v: np.full_like(v, np.nan), "no samples any more"),
         ("brake_torque_fr", 7.0, lambda v: np.full_like(v, np.nan), "no samples any more"),
         ("accel_x", 6.5, lambda v: np.full_like(v, v[0]), "stuck"),
+        ("accel_y", 8.3, lambda v: np.full_like(v, v[0]), "stuck"),
         ("yaw_rate", 8.3, lambda v: np.full_like(v, v[0]), "stuck"),
         ("wheel_speed_fl", 5.0, lambda v: np.full_like(v, v[0]), "stuck"),
         ("yaw_rate", 7.0, lambda v: v + 0.5, "contradicts what others tell"),

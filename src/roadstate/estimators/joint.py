@@ -239,6 +239,8 @@ class Joint(Estimator[JointState]):
     def step(self, state: JointState, sample: Sample, dt: Float[Array, ""]) -> tuple[JointState, Info]:
         """Signals, forces, motion along the road, then what goes on across it."""
         x, (across, across_std) = state.along.gaussian.mean, self.bank.merged(state.bank)
+        watch = once(self.watch.look(state.watch, sample, x[SPEED], dt))
+        sample = self.watch.without_frozen(watch, sample)
         held, raw = self.signals.read(state.signals, sample, x[SPEED], dt)
         verdict = self.trust.verdict(state.trust)
         direction, raw, way = self.direction.turn(
@@ -261,7 +263,6 @@ class Joint(Estimator[JointState]):
         radii = self.radii.learn(state.radii, seen, u.slip, pushed, u.turning, steps, white, dt)
         signal = z[self.sensors.index("speed")] if "speed" in self.sensors else jnp.full((), jnp.nan)
         is_signal = np.array([s == "speed" for s in self.sensors])
-        watch = once(self.watch.look(state.watch, sample, x[SPEED], dt))
         stuck = is_signal & self.watch.is_stuck(watch, x[SPEED])
         z = jnp.where(verdict.lies[-1] & is_signal | stuck, jnp.nan, z)
         lag, since = self.watch.lateness(watch, self.sensors), self.watch.since(watch, self.sensors)
@@ -394,6 +395,6 @@ class Joint(Estimator[JointState]):
         return (*self.watch.fault_names, *own, rolls, *self.trust.fault_names(self.signals.named))
 
     def _faults(self, state: JointState) -> Bool[Array, " f"]:
-        watch, verdict = state.watch, self.trust.verdict(state.trust)
-        found = [watch.is_silent, watch.has_spikes, state.fault_age > _FAULTY, self.trust.faults(verdict)]
+        verdict = self.trust.verdict(state.trust)
+        found = self.watch.faults(state.watch), state.fault_age > _FAULTY, self.trust.faults(verdict)
         return jnp.concatenate(found)

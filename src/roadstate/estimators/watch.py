@@ -1,4 +1,4 @@
-"""Which channels have fallen silent, and which have samples that cannot be true."""
+"""Which channels have fallen silent, which are frozen, and which have samples that cannot be true."""
 
 from __future__ import annotations
 
@@ -37,6 +37,12 @@ _SPIKES = {
     "altitude": (25.0, 0.25),
     "vertical_speed": (3.0, 0.25),
 }
+# channels whose noise changes nearly every sample, if they come often: samples in a row that are equal, on
+# average, at the most; s between samples; and s for which that must have been so
+_NOISY = ("accel_?", "*_rate")
+_EQUAL, _OFTEN, _KNOWN = 2.5, 0.03, 5.0
+_FROZEN = (40.0, 5.0)  # equal samples in a row, and times the most before, from which on such a one is frozen
+_DRIVES = 3.0  # m/s: of a car that stands still, sensors with coarse steps may well say the same
 # m/s by which the car's speed changes by more than a step until a speed that repeats is stuck: one that
 # moves, and one that may well stand, for of slow motion many a signal says 0
 _STUCK, _STANDS = (0.3, 1.0), 1.0
@@ -55,6 +61,8 @@ class WatchState(NamedTuple):
         repeats: (n,) s, the longest of that of late.
         step: (n,) the least by which two samples in a row differed; infinite before any did.
         began: (n,) m/s, the car's speed when the latest sample first came.
+        equal, most: (n,) equal samples in a row while the car drives: the latest ones, and the most before.
+        rows, samples: (n,) how many such rows there were, of one sample or more, and samples in them all.
     """
 
     last: Float[Array, " n"]
@@ -68,6 +76,10 @@ class WatchState(NamedTuple):
     repeats: Float[Array, " n"]
     step: Float[Array, " n"]
     began: Float[Array, " n"]
+    equal: Float[Array, " n"]
+    most: Float[Array, " n"]
+    rows: Float[Array, " n"]
+    samples: Float[Array, " n"]
 
     @property
     def is_silent(self) -> Bool[Array, " n"]:
@@ -86,7 +98,9 @@ class Watch(eqx.Module):
     How often a channel comes it tells by coming: one that has been away for clearly longer than it usually is
     has fallen silent. If it comes again, so long a gap counts as half usual, so that a channel which is sent
     when it changes is soon known as such. A sample that lies far from both its neighbours, which agree, is a
-    spike: known as such one sample later, when it can be told but no longer be left out.
+    spike: known as such one sample later, when it can be told but no longer be left out. An inertial channel
+    whose noise used to change nearly every sample, and which says the same to the last bit while the car
+    drives, is frozen; one whose steps are coarser than its noise cannot be judged by that.
 
     Attributes:
         channels: looked at.
@@ -95,26 +109,52 @@ class Watch(eqx.Module):
     channels: tuple[str, ...] = eqx.field(static=True)
     _most: Float[Array, " n"]
     _short: Float[Array, " n"]
+    _noisy: tuple[bool, ...] = eqx.field(static=True)
 
     def __init__(self, channels: tuple[str, ...]) -> None:
         self.channels = channels
         found = [[limit for p, limit in _SPIKES.items() if fnmatchcase(c, p)] for c in channels]
         limits = np.array([own[0] if own else (np.inf, 0.0) for own in found])
         self._most, self._short = jnp.asarray(limits[:, 0]), jnp.asarray(limits[:, 1])
+        self._noisy = tuple(any(fnmatchcase(c, p) for p in _NOISY) for c in channels)
 
     def init(self) -> WatchState:
         """Nothing has come."""
         none = jnp.zeros(len(self.channels))
         never = none + 1e6
-        return WatchState(none, none, never, never, none, none, none, none, none, none + jnp.inf, none)
+        return WatchState(
+            none, none, never, never, none, none, none, none, none, none + jnp.inf, none, *[none] * 4
+        )
 
     @property
     def fault_names(self) -> tuple[str, ...]:
-        """What :attr:`WatchState.is_silent` and :attr:`WatchState.has_spikes` tell of, as sentences."""
+        """What :meth:`faults` tells of, as sentences: first of each channel that it is silent."""
         return (
             *(f"{c}: no samples any more" for c in self.channels),
             *(f"{c}: a sample far off its neighbours" for c in self.channels),
+            *(f"{c}: stuck, the same to the last bit while the car drives" for c in self.channels),
         )
+
+    def faults(self, state: WatchState) -> Bool[Array, " f"]:
+        """Which of :attr:`fault_names` there are."""
+        return jnp.concatenate([state.is_silent, state.has_spikes, self.is_frozen(state)])
+
+    def is_frozen(self, state: WatchState) -> Bool[Array, " n"]:
+        """(n,) a noisy channel that says the same to the last bit while the car drives."""
+        noisy = jnp.asarray(self._noisy, bool) & (state.samples < _EQUAL * state.rows)
+        known = (state.interval < _OFTEN) & (state.samples * state.interval > _KNOWN)
+        return noisy & known & (state.equal > jnp.maximum(_FROZEN[0], _FROZEN[1] * state.most))
+
+    def without_frozen(self, state: WatchState, sample: Sample) -> Sample:
+        """The sample, frozen channels missing.
+
+        Args:
+            state: after :meth:`look` at this sample.
+            sample: the channels at this instant.
+        """
+        frozen = self.is_frozen(state)
+        judged = zip(self.channels, frozen, self._noisy, strict=True)
+        return {**sample, **{c: jnp.where(is_so, jnp.nan, sample[c]) for c, is_so, noisy in judged if noisy}}
 
     def lateness(self, state: WatchState, sensors: Sequence[str]) -> Float[Array, " m"]:
         """(m,) s by which speeds and an accelerometer along may be late; 0 for all else, or not watched."""
@@ -176,6 +216,8 @@ class Watch(eqx.Module):
         repeated = jnp.where(seen, jnp.where(same, state.repeated + since, 0.0), state.repeated)
         repeats = jnp.maximum(jnp.minimum(repeated, _REPEATS), state.repeats * jnp.exp(-dt / _REFRESHED))
         steps = seen & came & (change > 0)
+        drives = jnp.abs(speed) > _DRIVES
+        ends = steps & drives & ~self.is_frozen(state)
         return WatchState(
             last=now,
             before=jnp.where(seen, state.last, state.before),
@@ -188,4 +230,8 @@ class Watch(eqx.Module):
             repeats=repeats,
             began=jnp.where(seen & ~same, jnp.where(came, speed, now), state.began),
             step=jnp.where(steps, jnp.minimum(state.step, change), state.step),
+            equal=jnp.where(steps | ~drives, 0.0, state.equal + (seen & same)),
+            most=jnp.where(ends, jnp.maximum(state.most, state.equal + 1), state.most),
+            rows=state.rows + ends,
+            samples=state.samples + jnp.where(ends, state.equal + 1, 0.0),
         )
