@@ -132,3 +132,23 @@ def test_anti_lock_brakes_that_hold_every_wheel_below_the_speed_for_long(
     off = np.abs(said.values["speed"] - speed)
     assert off.max() < 1.6
     assert np.mean(off < 1.96 * said.std["speed"]) > 0.95
+
+
+def test_wheels_that_anti_lock_brakes_let_go_are_not_ahead_of_the_car(
+    vehicle: Vehicle, estimator: Estimator
+) -> None:
+    """Let go, they roll, though brakes act; and they come back so swiftly that they are read as faster."""
+    braking = np.clip(TIME - 10, 0.0, 3.0)
+    speed = 27 - 8 * braking
+    cycle = (3 * TIME + np.array([0.0, 0.05, 0.4, 0.5])[:, None]) % 1
+    locks = np.interp(cycle, [0.0, 0.3, 0.7, 0.8, 1.0], [0.0, -0.03, -0.35, 0.0, 0.0])
+    begun = (TIME > 10) & (speed > 3)
+    log = on_ice(vehicle, speed, np.where(begun, locks, 0.0), 0.0)
+    ahead = np.where(begun & (cycle > 0.8) & (cycle < 0.86), 0.8 / vehicle.wheels.radius, 0.0)
+    log = log.with_channels(
+        {f"wheel_speed_{w}": log[f"wheel_speed_{w}"] + ahead[i] for i, w in enumerate(WHEELS)}
+    )
+    said = scan(estimator, log)
+    off = said.values["speed"] - speed
+    assert np.abs(off[begun]).max() < 0.3
+    assert np.mean(np.abs(off) < 1.96 * said.std["speed"]) > 0.95

@@ -167,7 +167,8 @@ class TireContact(eqx.Module):
             dt: s.
         """
         radius = self.radius
-        slip = self.slips(forces.along, forces.load)
+        # one that outran the car lately is let go by brakes or drive, and rolls when it is at the car's speed
+        slip = self.slips(forces.along, forces.load) / (1 + state.racing / _CALM)
         angle = jnp.where(seen.age[STEER] < STALE, jnp.clip(seen.value[STEER], -0.9, 0.9), 0.0)
         turn = steered_cosines(jnp.cos(angle))
         # slip is over |v|: a force ahead turns a wheel of a car that backs up less fast
@@ -212,12 +213,15 @@ class TireContact(eqx.Module):
         together = jnp.where(agree, state.together + dt, 0.0)
         away = jnp.where(together > _BELIEVES, 0.0, away)
         free, rolling_speed, sound = self._free(rim, told & (racing < _CALM), forces)
-        apart = jnp.maximum(jnp.abs(rim - rolling_speed) - _RUNAWAY[0], 0.0)
-        away = jnp.where(sound, jnp.where(free, 0.0, jnp.maximum(away, apart)), away)
+        off = jnp.maximum(jnp.abs(rim - rolling_speed) - _RUNAWAY[0], 0.0)
+        away = jnp.where(sound, jnp.where(free, 0.0, jnp.maximum(away, off)), away)
         beyond = (speed - rim) * jnp.sign(bears)
         bounds = (beyond > _RUNAWAY[0]) & (jnp.abs(bears) > BEARS) & (spread < ANY)
         bounds = bounds & (jnp.abs(rim) > DEAD_BAND)
-        away, doubtful = jnp.where(bounds, _BOUND * beyond, away), jnp.where(bounds | begins, 0.0, racing)
+        # let go, a wheel may be read as faster than it is for a moment
+        swings = jnp.where(vague, 0.0, _WHEEL_DELAY * apart)
+        away = jnp.where(bounds, _BOUND * beyond + swings, away)
+        doubtful = jnp.where(bounds | begins, 0.0, racing)
         clear = jnp.any(members) | (jnp.max(jnp.where(told, racing, 0.0)) > _CALM)
         unproven = agreement.least_slip(rim, fastest - slowest, clear)
         unproven = jnp.where(begins & ~rests, unproven, 0.0)
