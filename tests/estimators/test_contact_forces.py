@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import operator
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -353,8 +355,8 @@ def test_a_lateral_force_acts_a_trail_behind_its_axle_as_the_car_moves(
 ) -> None:
     """A steady bend, no force along: two levers, of which that of the axle ahead is the longer one."""
     meter, accel = ForceMeter(vehicle, ()), 2.0
-    free = [jnp.zeros_like(x) for x in (meter.car.rolling_resistance, meter.car.rolling_resistance_speed)]
-    meter = eqx.tree_at(lambda m: (m.car.rolling_resistance, m.car.rolling_resistance_speed), meter, free)
+    resists = operator.attrgetter("balance.car.rolling_resistance", "balance.car.rolling_resistance_speed")
+    meter = eqx.tree_at(resists, meter, [jnp.zeros_like(x) for x in resists(meter)])
     zero = jnp.zeros(8)
     value = zero.at[ACCEL_Y].set(accel).at[SPIN].set(speed / vehicle.wheels.radius)
     signals = Signals(

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from roadstate.core import InputError, Recording, Signal
+from roadstate.core.channels import RATES, SPECIFIC_FORCES
 from roadstate.io import Mapping
-from roadstate.io.lever_arm import ACCEL, RATES, LeverArm, to_center
+from roadstate.io.lever_arm import LeverArm, to_center
 
 Array = NDArray[np.float64]
 RHO = np.array([-1.0, 0.4, 0.3])
@@ -34,7 +35,7 @@ def felt(time: Array) -> Array:
 def drive(gyro: Array, time: Array) -> dict[str, Signal]:
     rate, accel = turning(gyro)[0], felt(time)
     signals = {name: Signal(gyro, rate[:, i]) for i, name in enumerate(RATES)}
-    return signals | {name: Signal(time, accel[:, i]) for i, name in enumerate(ACCEL)}
+    return signals | {name: Signal(time, accel[:, i]) for i, name in enumerate(SPECIFIC_FORCES)}
 
 
 @pytest.mark.parametrize("rate", [50.0, 100.0, 1000.0])
@@ -45,7 +46,7 @@ def test_it_is_what_the_centre_of_gravity_feels(rate: float) -> None:
     time = np.arange(1.0, 5.0, 0.01)
     out = to_center(drive(gyro, time), ARM)
     uncorrected = felt(time) - [1.0, -2.0, 9.8]
-    for i, name in enumerate(ACCEL):
+    for i, name in enumerate(SPECIFIC_FORCES):
         off = out[name].values - [1.0, -2.0, 9.8][i]
         assert np.sqrt(np.mean(off**2)) < 0.06 * np.sqrt(np.mean(uncorrected**2))
 
@@ -90,7 +91,7 @@ def test_a_mapping_says_where_it_sits() -> None:
     time = np.arange(0.0, 6.0, 0.01)
     signals = drive(time, time)
     out = mapped({"lever_arm": {"forward": "-100 cm", "left": 0.4, "up": "0.3 m"}}, signals)
-    for name in ACCEL:
+    for name in SPECIFIC_FORCES:
         np.testing.assert_array_equal(out[name].values, to_center(signals, ARM)[name].values)
     np.testing.assert_array_equal(out["yaw_rate"].values, signals["yaw_rate"].values)
 
@@ -98,9 +99,13 @@ def test_a_mapping_says_where_it_sits() -> None:
 @pytest.mark.parametrize(
     ("content", "names", "told"),
     [
-        ({"forward": 1.0}, ACCEL, "lever_arm: how the car turns is not known: there is no yaw_rate"),
-        ({}, ACCEL, "nowhere but at the centre of gravity"),
-        ({"forward": 50.0}, ACCEL, "forward"),
+        (
+            {"forward": 1.0},
+            SPECIFIC_FORCES,
+            "lever_arm: how the car turns is not known: there is no yaw_rate",
+        ),
+        ({}, SPECIFIC_FORCES, "nowhere but at the centre of gravity"),
+        ({"forward": 50.0}, SPECIFIC_FORCES, "forward"),
     ],
 )
 def test_what_cannot_be_is_refused(content: dict[str, Any], names: tuple[str, ...], told: str) -> None:

@@ -13,6 +13,10 @@ from dataclasses import dataclass
 from roadstate.core.errors import InputError
 
 WHEELS = ("fl", "fr", "rl", "rr")
+SPECIFIC_FORCES = ("accel_x", "accel_y", "accel_z")
+"""What three accelerometers tell, along the car's axes."""
+RATES = ("roll_rate", "pitch_rate", "yaw_rate")
+"""What three gyroscopes tell, about them."""
 _WHEEL_TEXT = {"fl": "front left", "fr": "front right", "rl": "rear left", "rr": "rear right"}
 
 

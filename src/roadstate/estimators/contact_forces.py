@@ -29,7 +29,6 @@ from roadstate.estimators.signals import NEVER, STANDSTILL_SPEED, Held, way
 from roadstate.estimators.traction import LEAST_BRAKING, UNKNOWN, Traction, TractionMeter, TractionState
 from roadstate.estimators.unseen_brakes import BrakeWatch
 from roadstate.linalg import root, rss
-from roadstate.vehicles import SevenDofForces
 
 if TYPE_CHECKING:
     from roadstate.vehicles import Vehicle
@@ -119,16 +118,6 @@ class ForceMeter(eqx.Module):
         self.balance = ForceBalance(vehicle)
         self._pitching = leaf(GRAVITY * vehicle.body.pitch_gradient)
 
-    @property
-    def car(self) -> SevenDofForces:
-        """Planar dynamics under given forces."""
-        return self.balance.car
-
-    @property
-    def driven(self) -> Float[Array, " 4"]:
-        """(4,) share of the drive that each wheel gets."""
-        return self.balance.driven
-
     def init(self) -> ForceMeterState:
         """Nothing has come yet."""
         traction = None if self._traction is None else self._traction.init()
@@ -151,7 +140,7 @@ class ForceMeter(eqx.Module):
         """What is known before the first sample."""
         zero, two, four = jnp.zeros(()), jnp.zeros(2), jnp.zeros(4)
         now, still, no = Current(two, two, two, zero), jnp.zeros((2, 2)), jnp.zeros((), bool)
-        load = self.car.wheel_loads(zero, zero)
+        load = self.balance.car.wheel_loads(zero, zero)
         return AxleForces(
             four, two, load, four, four, now, still, four, zero, two, four + jnp.inf, two + jnp.inf, two,
             Lean.upright(), zero, zero, zero, zero, zero, zero, zero + 1.0, zero, zero, zero + NEVER,
@@ -179,7 +168,7 @@ class ForceMeter(eqx.Module):
             slope: what gravity takes of the acceleration, as thought so far, m/s².
             dt: s.
         """
-        car, radius, mass = self.car, self.car.wheel_radius[0], self.car.mass
+        car, radius, mass = self.balance.car, self.balance.car.wheel_radius[0], self.balance.car.mass
         accel = self._freed(signals.smooth, state.lean) - accel_error
         traction, drive = self._torques(state.traction, sample, speed, dt)
         # what rough roads shake the accelerometer by does not make the body lean
@@ -295,14 +284,14 @@ class ForceMeter(eqx.Module):
     ) -> tuple[TractionState | None, Traction]:
         if self._traction is not None and state is not None:
             return self._traction.read(state, sample, speed, dt)
-        turning = jnp.sum(self.car.wheel_inertia) / self.car.wheel_radius[0] ** 2
-        return None, Traction.unknown(self.car.mass + turning)
+        turning = jnp.sum(self.balance.car.wheel_inertia) / self.balance.car.wheel_radius[0] ** 2
+        return None, Traction.unknown(self.balance.car.mass + turning)
 
     def _intensity(
         self, drive: Traction, at: Scene, jump: Array, speed: Array, gust: Array, accel: Array
     ) -> Array:
         """White error of the specific force that torques tell, m/s²/√Hz."""
-        mass, radius = self.car.mass, self.car.wheel_radius[0]
+        mass, radius = self.balance.car.mass, self.balance.car.wheel_radius[0]
         white = rss(drive.torque_std * _TORQUE_TIME**0.5, drive.held_noise) / mass
         late = jnp.sum(jnp.abs(jump)) / (radius * mass) * (_TORQUE_DELAY / SMOOTHING * _TORQUE_TIME**0.5)
         turning = _TURNING * accel[1] * at.sine

@@ -325,7 +325,7 @@ class Joint(Estimator[JointState]):
         rolls = jnp.where(jnp.any(seen.is_fresh[SPIN]), share * contact.rolling, speed)
         against = state.against
         if "speed" in self.channels and any(self.signals.has[SPIN]):
-            rims = share * self.forces.car.wheel_radius * seen.value[SPIN], seen.is_fresh[SPIN]
+            rims = share * self.forces.balance.car.wheel_radius * seen.value[SPIN], seen.is_fresh[SPIN]
             against = outvoted(against, sample["speed"], *rims, rolls, speed, forces.accel[0])
         contradicted = jnp.where(jnp.abs(rolls - speed) > WRONG, state.against + dt / _ROLLED, 0.0)
         against = jnp.where(contact.rolls, contradicted, against)
@@ -365,7 +365,7 @@ class Joint(Estimator[JointState]):
     def _rolls(self, seen: Signals) -> Float[Array, ""]:
         """Mean speed of the wheels that tell something, m/s."""
         told = seen.is_fresh[SPIN]
-        rims = self.forces.car.wheel_radius * jnp.where(told, seen.value[SPIN], 0.0)
+        rims = self.forces.balance.car.wheel_radius * jnp.where(told, seen.value[SPIN], 0.0)
         return jnp.sum(rims) / jnp.maximum(jnp.sum(told), 1)
 
     def _moves(self, state: JointState, sample: Sample, seen: Signals, rolls: Array) -> Float[Array, ""]:

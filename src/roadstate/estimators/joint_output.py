@@ -114,7 +114,7 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
         # torques explain 1 − δ of what they would move a car of the file's mass by
         scale = 1 / jnp.maximum(1 - mean[place], _LIGHTEST)
         scale_std = scale**2 * std[place]
-        tell("mass", joint.forces.car.mass * scale, joint.forces.car.mass * scale_std)
+        tell("mass", joint.forces.balance.car.mass * scale, joint.forces.balance.car.mass * scale_std)
     if "altitude" in joint.along.states:
         tell("altitude", mean[-2], std[-2])
     axles = by_axle(forces.load)
@@ -175,7 +175,7 @@ def _coarse(joint: Joint, state: JointState) -> Array:
         return joint.watch.step(state.watch, ("speed",))[0]
     wheels = [i for i, name in enumerate(WHEEL_SPEEDS) if name in joint.channels]
     steps = joint.watch.step(state.watch, [WHEEL_SPEEDS[i] for i in wheels])
-    return jnp.mean(joint.forces.car.wheel_radius[jnp.asarray(wheels)] * steps)
+    return jnp.mean(joint.forces.balance.car.wheel_radius[jnp.asarray(wheels)] * steps)
 
 
 def _along(joint: Joint, state: JointState, scale: Array) -> tuple[Array, Array]:
@@ -187,11 +187,11 @@ def _along(joint: Joint, state: JointState, scale: Array) -> tuple[Array, Array]
     """
     forces, mean, std = state.latest, state.along.gaussian.mean, state.along.gaussian.std
     measured, told, names = forces.now.along, forces.now.told, joint.along.states
-    mass, speed = joint.forces.car.mass, mean[SPEED]
+    mass, speed = joint.forces.balance.car.mass, mean[SPEED]
     aside = std[names.index("mounting_yaw")] * forces.accel[1] if "mounting_yaw" in names else 0.0
     if "mass" not in names:
         lasting = rss(std[BIAS], std[SCALE] * forces.accel[0], aside, joint.along.air.std(speed))
-        return measured, mass * lasting * by_axle(joint.forces.driven)
+        return measured, mass * lasting * by_axle(joint.forces.balance.driven)
     parts = {"drive_gain": forces.drive, "brake_gain": -forces.brake, "resistance": -forces.rolling}
     if "torque_zero" in names:
         parts["torque_zero"] = forces.lever

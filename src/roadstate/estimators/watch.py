@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from roadstate.core.channels import RATES, SPECIFIC_FORCES
 from roadstate.estimators.base import Sample
 
 _SILENT = 0.25  # s without a sample, besides twice the longest usual gap
@@ -39,7 +40,7 @@ _SPIKES = {
 }
 # channels whose noise changes nearly every sample, if they come often: samples in a row that are equal, on
 # average, at the most; s between samples; and s for which that must have been so
-_NOISY = ("accel_?", "*_rate")
+_NOISY = {*SPECIFIC_FORCES, *RATES}
 _EQUAL, _OFTEN, _KNOWN = 2.5, 0.03, 5.0
 _FROZEN = (40.0, 5.0)  # equal samples in a row, and times the most before, from which on such a one is frozen
 _DRIVES = 3.0  # m/s: of a car that stands still, sensors with coarse steps may well say the same
@@ -116,7 +117,7 @@ class Watch(eqx.Module):
         found = [[limit for p, limit in _SPIKES.items() if fnmatchcase(c, p)] for c in channels]
         limits = np.array([own[0] if own else (np.inf, 0.0) for own in found])
         self._most, self._short = jnp.asarray(limits[:, 0]), jnp.asarray(limits[:, 1])
-        self._noisy = tuple(any(fnmatchcase(c, p) for p in _NOISY) for c in channels)
+        self._noisy = tuple(c in _NOISY for c in channels)
 
     def init(self) -> WatchState:
         """Nothing has come."""

@@ -11,14 +11,12 @@ from numpy.typing import NDArray
 from pydantic import model_validator
 
 from roadstate.core import InputError, Signal
+from roadstate.core.channels import RATES, SPECIFIC_FORCES
 from roadstate.core.quantity import Quantity
 from roadstate.core.signals import interpolate
 from roadstate.io.mapping_channel import Section
 
 Array = NDArray[np.float64]
-
-ACCEL = ("accel_x", "accel_y", "accel_z")
-RATES = ("roll_rate", "pitch_rate", "yaw_rate")
 
 _HALF = 0.05  # s: an angular acceleration is that between two means over so long, or over two samples
 
@@ -57,12 +55,12 @@ def to_center(signals: Mapping[str, Signal], arm: LeverArm) -> dict[str, Signal]
         arm: ρ.
 
     Returns:
-        Those of :data:`ACCEL` that are there, moved.
+        Those of :data:`~roadstate.core.channels.SPECIFIC_FORCES` that are there, moved.
 
     Raises:
         InputError: there is no ``yaw_rate`` to go by.
     """
-    moved = {name: signals[name] for name in ACCEL if name in signals}
+    moved = {name: signals[name] for name in SPECIFIC_FORCES if name in signals}
     if moved and "yaw_rate" not in signals:
         raise InputError(
             "how the car turns is not known: there is no yaw_rate",
@@ -71,7 +69,7 @@ def to_center(signals: Mapping[str, Signal], arm: LeverArm) -> dict[str, Signal]
         )
     rho = np.array([arm.forward, arm.left, arm.up])
     felt: dict[int, Array] = {}
-    for row, name in enumerate(ACCEL):
+    for row, name in enumerate(SPECIFIC_FORCES):
         if name in moved:
             signal = moved[name]
             if id(signal.time) not in felt:  # the axes of one sensor share their time

@@ -15,13 +15,14 @@ from pydantic import (
 )
 
 from roadstate.core import CHANNELS, InputError, channel
+from roadstate.core.channels import RATES, SPECIFIC_FORCES
 from roadstate.core.quantity import Quantity
 from roadstate.core.units import convert
-from roadstate.io.lever_arm import ACCEL, RATES, LeverArm
+from roadstate.io.lever_arm import LeverArm
 from roadstate.io.mapping_channel import ChannelMap, Section, Text, check_units
 from roadstate.io.rotation import Rotation
 
-IMU_CHANNELS = {"accel": ACCEL, "gyro": RATES}
+IMU_CHANNELS = {"accel": SPECIFIC_FORCES, "gyro": RATES}
 """The channels that each kind of inertial sensor becomes, in the order x, y, z of the car."""
 
 

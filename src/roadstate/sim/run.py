@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roadstate.core import CHANNELS, WHEELS, InputError, Recording
+from roadstate.core.channels import RATES, SPECIFIC_FORCES
 from roadstate.core.constants import GRAVITY
 from roadstate.core.numerics import jit_loop
 from roadstate.sim.manoeuvres.base import Manoeuvre
@@ -160,8 +161,8 @@ def truth_table(driven: Drive) -> dict[str, Array]:
     kinematic = truth.specific_force.T - GRAVITY * up
     table: dict[str, Any] = {
         "time": driven.time,
-        **_named(("accel_x", "accel_y", "accel_z"), truth.specific_force.T),
-        **_named(("roll_rate", "pitch_rate", "yaw_rate"), truth.angular_rate.T),
+        **_named(SPECIFIC_FORCES, truth.specific_force.T),
+        **_named(RATES, truth.angular_rate.T),
         **_named(("roll_accel", "pitch_accel", "yaw_accel"), truth.angular_accel.T),
         "speed": truth.planar_velocity[:, 0],
         "velocity_y": truth.planar_velocity[:, 1],

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from roadstate.core import WHEELS, Log
+from roadstate.core.channels import RATES
 from roadstate.core.constants import GRAVITY
 from roadstate.sim.drive import SAMPLE_STEP, Array, SpeedPlan, Truth, follow
 from roadstate.sim.driver import Driver
@@ -76,7 +77,7 @@ def truth_table(truth: Truth, vehicle: Vehicle) -> dict[str, Array]:
         "accel_x": force * np.cos(pitch) + normal * np.sin(pitch),
         "accel_y": none,
         "accel_z": normal * np.cos(pitch) - force * np.sin(pitch),
-        **dict.fromkeys(("roll_rate", "pitch_rate", "yaw_rate"), none),
+        **dict.fromkeys(RATES, none),
         "brake": truth.brake,
         # along the level: on these grades the road's own length differs from it by less than 0.3 %
         "north": truth.distance * np.cos(_HEADING),

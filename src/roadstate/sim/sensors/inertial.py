@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from roadstate.core.channels import RATES, SPECIFIC_FORCES
 from roadstate.sim.sensors.probe import Probe
 
 Array = NDArray[np.floating[Any]]
-AXES = ("x", "y", "z")
-RATES = ("roll_rate", "pitch_rate", "yaw_rate")
 ACCELS = ("roll_accel", "pitch_accel", "yaw_accel")
 
 
@@ -39,7 +38,7 @@ class InertialUnit:
     place: tuple[float, float, float] = (0.0, 0.0, 0.0)
     mounting: tuple[float, float, float] = (0.0, 0.0, 0.0)
     mounting_std: float = 0.0
-    axes: tuple[str, ...] = (*(f"accel_{a}" for a in AXES), *RATES)
+    axes: tuple[str, ...] = (*SPECIFIC_FORCES, *RATES)
 
     def seen(self, truth: Mapping[str, Array], rng: np.random.Generator) -> dict[str, Array]:
         """(T,) each: what ideal sensors in the turned housing would read, by channel.
@@ -50,7 +49,7 @@ class InertialUnit:
             rng: for the mounting.
         """
         omega = np.stack([truth[name] for name in RATES])
-        force = np.stack([truth[f"accel_{a}"] for a in AXES])
+        force = np.stack([truth[name] for name in SPECIFIC_FORCES])
         if all(name in truth for name in ACCELS):
             alpha = np.stack([truth[name] for name in ACCELS])
         else:
@@ -59,7 +58,7 @@ class InertialUnit:
         force = force + _cross(alpha, r) + _cross(omega, _cross(omega, r))
         angles = np.asarray(self.mounting) + self.mounting_std * rng.standard_normal(3)
         turn = rotation(*angles).T
-        seen = dict(zip((f"accel_{a}" for a in AXES), turn @ force, strict=True))
+        seen = dict(zip(SPECIFIC_FORCES, turn @ force, strict=True))
         return seen | dict(zip(RATES, turn @ omega, strict=True))
 
 

@@ -11,14 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roadstate.core import CHANNELS, WHEELS, InputError, Log, Recording, Signal
+from roadstate.core.channels import RATES, SPECIFIC_FORCES
 from roadstate.sim.sensors.faults import Fault, inject
-from roadstate.sim.sensors.inertial import RATES, InertialUnit
+from roadstate.sim.sensors.inertial import InertialUnit
 from roadstate.sim.sensors.probe import Probe
 from roadstate.sim.sensors.satellite import SatelliteReceiver
 from roadstate.sim.sensors.wheel_pulses import ToothSensor
 
 Array = NDArray[np.floating[Any]]
-_INERTIAL = ("accel_x", "accel_y", "accel_z", *RATES)
+_INERTIAL = (*SPECIFIC_FORCES, *RATES)
 _PLACE = ("east", "north", "altitude")
 _REFERENCE_RATE = 100.0  # Hz
 
