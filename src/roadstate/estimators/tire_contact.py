@@ -167,8 +167,11 @@ class TireContact(eqx.Module):
             dt: s.
         """
         radius = self.radius
-        # one that outran the car lately is let go by brakes or drive, and rolls when it is at the car's speed
-        slip = self.slips(forces.along, forces.load) / (1 + state.racing / _CALM)
+        slip = self.slips(forces.along, forces.load)
+        # anti-lock brakes let a wheel go that has raced lately, and it rolls as it comes to the car's speed
+        is_proven = agreement.is_proven(state.proof)
+        let_go = is_proven & (slip * jnp.sign(speed) < 0)
+        slip = slip / jnp.where(let_go, 1 + state.racing / _CALM, 1.0)
         angle = jnp.where(seen.age[STEER] < STALE, jnp.clip(seen.value[STEER], -0.9, 0.9), 0.0)
         turn = steered_cosines(jnp.cos(angle))
         # slip is over |v|: a force ahead turns a wheel of a car that backs up less fast
@@ -187,7 +190,6 @@ class TireContact(eqx.Module):
         slowest = jnp.min(jnp.where(told, rim, jnp.inf))
         fastest = jnp.max(jnp.where(told, rim, -jnp.inf))
         bears = forces.over_load
-        is_proven = agreement.is_proven(state.proof)
         known = (spread < ANY) & several & (jnp.max(jnp.where(told, since, 0.0)) < STALE)
         before = jnp.where(known & ~is_proven, state.rolling + accel * dt, jnp.nan)
         turns = told & ((jnp.abs(rim) > DEAD_BAND) | ~np.array(self.driven))
@@ -218,8 +220,8 @@ class TireContact(eqx.Module):
         beyond = (speed - rim) * jnp.sign(bears)
         bounds = (beyond > _RUNAWAY[0]) & (jnp.abs(bears) > BEARS) & (spread < ANY)
         bounds = bounds & (jnp.abs(rim) > DEAD_BAND)
-        # let go, a wheel may be read as faster than it is for a moment
-        swings = jnp.where(vague, 0.0, _WHEEL_DELAY * apart)
+        # on its way back it may be read as faster than it is
+        swings = jnp.where(let_go & ~vague, _WHEEL_DELAY * apart, 0.0)
         away = jnp.where(bounds, _BOUND * beyond + swings, away)
         doubtful = jnp.where(bounds | begins, 0.0, racing)
         clear = jnp.any(members) | (jnp.max(jnp.where(told, racing, 0.0)) > _CALM)
