@@ -170,8 +170,8 @@ class TireContact(eqx.Module):
         slip = self.slips(forces.along, forces.load)
         # anti-lock brakes let a wheel go that has raced lately, and it rolls as it comes to the car's speed
         is_proven = agreement.is_proven(state.proof)
-        let_go = is_proven & (slip * jnp.sign(speed) < 0)
-        slip = slip / jnp.where(let_go, 1 + state.racing / _CALM, 1.0)
+        let_go = is_proven & (jnp.mean(forces.over_load) * jnp.sign(speed) < -BEARS)
+        slip = slip / jnp.where(let_go, 1 + state.racing / _RACING[0], 1.0)
         angle = jnp.where(seen.age[STEER] < STALE, jnp.clip(seen.value[STEER], -0.9, 0.9), 0.0)
         turn = steered_cosines(jnp.cos(angle))
         # slip is over |v|: a force ahead turns a wheel of a car that backs up less fast
