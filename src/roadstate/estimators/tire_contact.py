@@ -170,7 +170,8 @@ class TireContact(eqx.Module):
         slip = self.slips(forces.along, forces.load)
         # anti-lock brakes let a wheel go that has raced lately, and it rolls as it comes to the car's speed
         is_proven = agreement.is_proven(state.proof)
-        let_go = is_proven & (jnp.mean(forces.over_load) * jnp.sign(speed) < -BEARS)
+        bears = forces.over_load
+        let_go = is_proven & (jnp.mean(bears) * jnp.sign(speed) < -BEARS)
         slip = slip / jnp.where(let_go, 1 + state.racing / _RACING[0], 1.0)
         angle = jnp.where(seen.age[STEER] < STALE, jnp.clip(seen.value[STEER], -0.9, 0.9), 0.0)
         turn = steered_cosines(jnp.cos(angle))
@@ -189,7 +190,6 @@ class TireContact(eqx.Module):
         racing = jnp.maximum(outruns, state.racing * jnp.exp(-dt / _RACING[2]))
         slowest = jnp.min(jnp.where(told, rim, jnp.inf))
         fastest = jnp.max(jnp.where(told, rim, -jnp.inf))
-        bears = forces.over_load
         known = (spread < ANY) & several & (jnp.max(jnp.where(told, since, 0.0)) < STALE)
         before = jnp.where(known & ~is_proven, state.rolling + accel * dt, jnp.nan)
         turns = told & ((jnp.abs(rim) > DEAD_BAND) | ~np.array(self.driven))

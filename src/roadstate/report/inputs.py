@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from roadstate.core import CHANNELS, WHEELS, Log
+from roadstate.core.channels import RATES, SPECIFIC_FORCES
 from roadstate.report import style
 from roadstate.report.figures import Panel, TimeAxes, Trace
 from roadstate.report.view import unit_label
@@ -22,9 +23,9 @@ def kind_of(name: str) -> tuple[str, str]:
     stem, _, wheel = name.rpartition("_")
     if wheel in WHEELS:
         return stem.removeprefix("ref_").replace("_", " "), unit
-    if name in ("roll_rate", "pitch_rate", "yaw_rate"):
+    if name in RATES:
         return "rotation rates", unit
-    if name.endswith(("accel_x", "accel_y", "accel_z")):
+    if name.endswith(SPECIFIC_FORCES):
         return "accelerations", unit
     if name in ("speed", "ref_velocity_x", "ref_velocity_y"):
         return "speed", unit
