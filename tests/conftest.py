@@ -8,16 +8,14 @@ import gc
 import math
 import os
 from collections.abc import Iterator
-from importlib import import_module
 from pathlib import Path
 
 import jax
 import pytest
 from hypothesis import settings
 
-from roadstate.calibration import likelihood
 from roadstate.core import numerics
-from roadstate.run.chunk import scan_steps
+from roadstate.run import chunk
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -60,8 +58,10 @@ def _forget_programs() -> Iterator[None]:
 
 MOST_MAPS = 40_000  # a module adds up to ten thousand
 
+chunk.SHORT = 10**9  # whichever program a log would get: here compilers are waited for, whatever its length
+
 # all tests have the same one: what one has traced and compiled the next need not
-OPTIMISED = numerics.jit_loop(scan_steps)
+OPTIMISED = numerics.jit_loop(chunk.scan_apart, whole=False)
 
 
 @pytest.fixture
@@ -71,8 +71,7 @@ def optimised(monkeypatch: pytest.MonkeyPatch) -> None:
     For tests that go through some ten thousand steps, each of which is up to ten times as fast.
     """
     monkeypatch.setitem(numerics.LOOP_OPTIONS, "xla_backend_optimization_level", 1)
-    monkeypatch.setattr(import_module("roadstate.run.scan"), "_scan_chunk", OPTIMISED)
-    monkeypatch.setattr(likelihood, "_compiled", OPTIMISED)
+    monkeypatch.setattr(chunk, "_APART", OPTIMISED)
 
 
 def give_back() -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from roadstate.core import Estimates, InputError, Log
-from roadstate.run import CHUNK, Stream, batch, scan
+from roadstate.run import CHUNK, Stream, batch, chunk, scan
 from run.odometer import Odometer
 
 NAN = np.nan
@@ -37,6 +37,19 @@ def test_a_log_of_any_length(samples: int) -> None:
     np.testing.assert_array_equal(estimates.std["altitude"], 2 + np.arange(samples))
     np.testing.assert_array_equal(estimates.innovation[:, 0], log["speed"])
     np.testing.assert_array_equal(estimates.innovation_std, 2.0)
+
+
+def test_a_run_of_many_samples_is_compiled_to_go_faster(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(chunk, "SHORT", 300)
+    fast, gone = chunk.steps_through(301), []
+    monkeypatch.setattr(chunk, "_WHOLE", lambda *args: gone.append(args[5]) or fast(*args))
+    estimates = scan(Odometer(), make_log(300))
+    assert not gone
+    np.testing.assert_array_equal(
+        scan(Odometer(), make_log(300), among=301).values["altitude"], estimates.values["altitude"]
+    )
+    batch(Odometer(), [make_log(150), make_log(151)])
+    assert sorted(gone) == [150, 151, 300]
 
 
 def test_the_nis_is_that_of_the_sensors_used() -> None:

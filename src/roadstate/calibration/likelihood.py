@@ -25,9 +25,8 @@ from roadstate.calibration.parameters import Parameter, moved, with_certainty
 from roadstate.calibration.scores import Judges, Moves, Rows, beyond, kept, scored
 from roadstate.calibration.uncertainty import Mask, Numbers
 from roadstate.core import InputError, Log
-from roadstate.core.numerics import jit_loop
 from roadstate.estimators import Estimator, build
-from roadstate.run.chunk import CHUNK, cut, inputs, scan_steps, start
+from roadstate.run.chunk import CHUNK, cut, inputs, start, steps_through
 from roadstate.vehicles import Vehicle
 
 _SPAN = 0.5  # of a prior standard deviation, over which what hypotheses of friction tell is looked at
@@ -35,9 +34,7 @@ _BALANCE = ("mass", "aerodynamics", "rolling_resistance", "driveline", "brakes",
 _FRICTION = ("tires", "friction")
 _ROADS = np.geomspace(0.15, 1.4, 24)  # frictions to begin with
 _ROUNDING = 1e-3  # of a score
-
-
-_compiled = jit_loop(scan_steps)
+_PASSES = 50  # that a fit makes through a log, at least
 
 
 class Curvature(NamedTuple):
@@ -272,6 +269,7 @@ class Likelihood:
         built = [self._built(moved(car, self.parameters, f), prepared.channels, active) for f in free]
         starts = [start(e) for e in built]
         states, layout = [state for state, _ in starts], starts[0][1]
+        through = steps_through(_PASSES * len(prepared.time))
         with ThreadPoolExecutor(min(len(built), os.cpu_count() or 1)) as pool:
             for begin in range(0, len(prepared.time), CHUNK):
                 values, dt = (jnp.asarray(a) for a in cut(prepared.samples, prepared.dt, begin))
@@ -284,7 +282,7 @@ class Likelihood:
                     dt: Array = dt,
                     count: int = count,
                 ) -> Any:
-                    state, rows = _compiled(own, layout, state, values, dt, jnp.asarray(count), kept)
+                    state, rows = through(own, layout, state, values, dt, jnp.asarray(count), kept)
                     return state, jax.tree.map(np.asarray, rows)
 
                 # at first one by itself: several at once would each compile the program

@@ -47,12 +47,18 @@ if "JAX_ENABLE_X64" not in os.environ:
     jax.config.update("jax_enable_x64", True)  # type: ignore[no-untyped-call]
 
 
-def jit_loop(function: Callable[P, R]) -> Callable[P, R]:
+def jit_loop(function: Callable[P, R], *, whole: bool = True) -> Callable[P, R]:
     """``equinox.filter_jit`` for a function that is one long loop over small arrays.
 
     On a CPU such a loop would spend most of its time going from one tiny kernel to the next. So it becomes
     one kernel as a whole, unless something in it calls a library.
+
+    Args:
+        function: the loop.
+        whole: make it one kernel; without, the function marks by itself what shall be one
+            (:func:`roadstate.core.kernel.one_kernel`).
     """
+    looped = one_kernel(function) if whole else function
 
     asked = Lock()
     begun: dict[Hashable, Lock] = {}
@@ -61,7 +67,7 @@ def jit_loop(function: Callable[P, R]) -> Callable[P, R]:
     @cache
     def compiled() -> Callable[P, R]:
         # at the first call, not at import: knowing the options starts a backend
-        jitted: Callable[P, R] = eqx.filter_jit(one_kernel(function), compiler_options=loop_options())  # type: ignore[call-overload]
+        jitted: Callable[P, R] = eqx.filter_jit(looped, compiler_options=loop_options())  # type: ignore[call-overload]
         return jitted
 
     within: Callable[P, R] = eqx.filter_jit(function)

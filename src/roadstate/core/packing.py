@@ -8,6 +8,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from roadstate.core.kernel import once
+
 
 class Layout:
     """Where each leaf of a pytree lies in its packed form.
@@ -31,8 +33,10 @@ class Layout:
     def pack(self, tree: Any) -> dict[str, Any]:
         """Dtype name → (size,) vector of the leaves with that dtype."""
         parts: dict[str, list[Any]] = {kind: [] for kind in self._sizes}
-        for (kind, _, _), leaf in zip(self._slots, jax.tree.leaves(tree), strict=True):
-            parts[kind].append(jnp.ravel(leaf))
+        # computed before they are joined: else each number of the joint vector asks which of them it is
+        leaves = once([jnp.ravel(leaf) for leaf in jax.tree.leaves(tree)])
+        for (kind, _, _), leaf in zip(self._slots, leaves, strict=True):
+            parts[kind].append(leaf)
         return {kind: jnp.concatenate(vectors) for kind, vectors in parts.items()}
 
     def unpack(self, packed: dict[str, Any]) -> Any:

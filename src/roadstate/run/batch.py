@@ -95,13 +95,15 @@ def batch(
         together = 1
     fitting = max(1, min(memory // (per_log * workers), -(-len(logs) // workers)))
     size = int(min(together or fitting, fitting))
+    among = sum(len(log) for log in logs)
     order = np.argsort([-len(log) for log in logs], kind="stable")
     groups = [order[i : i + size] for i in range(0, len(order), size)]
 
     def run(group: NDArray[np.int64]) -> list[Estimates]:
         # the last group is filled up, so that every group has the compiled shape
         members = np.resize(group, size)
-        return _run_group([each[int(i)] for i in members], [logs[int(i)] for i in members])[: len(group)]
+        own = [each[int(i)] for i in members], [logs[int(i)] for i in members]
+        return _run_group(*own, among)[: len(group)]
 
     results: dict[int, Estimates] = {}
     with ThreadPoolExecutor(workers) as pool:
@@ -112,10 +114,10 @@ def batch(
     return [results[i] for i in range(len(logs))]
 
 
-def _run_group(estimators: list[Estimator[Any]], logs: list[Log]) -> list[Estimates]:
-    """Run logs together, each to the end of the longest."""
+def _run_group(estimators: list[Estimator[Any]], logs: list[Log], among: int) -> list[Estimates]:
+    """Run logs together, each to the end of the longest; ``among`` samples of all groups."""
     if len(logs) == 1:
-        return [scan(estimators[0], logs[0])]
+        return [scan(estimators[0], logs[0], among=among)]
     alike = all(e is estimators[0] for e in estimators)
     arrays, static = eqx.partition(estimators[0], eqx.is_array)
     states, layout = start(estimators[0])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar, cast
 
 import equinox as eqx
 import jax
@@ -15,10 +15,13 @@ from numpy.typing import NDArray
 from roadstate import __version__
 from roadstate.core import Estimates, InputError, Log
 from roadstate.core.gaussian import Gate, Info, Reason
+from roadstate.core.kernel import one_kernel
+from roadstate.core.numerics import jit_loop
 from roadstate.core.packing import Layout
 from roadstate.estimators.base import SILENT_STEP, Estimate, Estimator
 
 R = TypeVar("R")
+C = TypeVar("C")
 
 CHUNK = 2048
 """Samples a compiled loop takes at once: any log runs through this one program, padded at its end.
@@ -98,17 +101,71 @@ def scan_steps(
         state, info = estimator.step(state, sample, dt[i])
         return state, keep(estimator, state, info)
 
-    def body(i: Any, work: tuple[Any, R]) -> tuple[Any, R]:
-        state, row = step(work[0], i)
-        put = jax.lax.dynamic_update_index_in_dim
-        return state, jax.tree.map(lambda rows, new: put(rows, new, i, axis=0), work[1], row)
-
-    state, begin = layout.unpack(packed), jnp.zeros((), int)
-    step = eqx.filter_closure_convert(step, state, begin)  # traced once, for the shapes and for the loop
-    shapes = step.out_struct[1]  # type: ignore[attr-defined]
-    rows = jax.tree.map(lambda one: jnp.zeros((len(dt), *one.shape), one.dtype), shapes)
-    state, rows = jax.lax.fori_loop(begin, count, body, (state, rows))
+    state, rows = _steps(step, layout.unpack(packed), len(dt), count)
     return layout.pack(state), rows
+
+
+def scan_apart(
+    estimator: Estimator[Any],
+    layout: Layout,
+    packed: dict[str, Array],
+    samples: Float[Array, "k c"],
+    dt: Float[Array, " k"],
+    count: Int[Array, ""] | int,
+    keep: Callable[[Estimator[Any], Any, Info], R],
+) -> tuple[dict[str, Array], R]:
+    """As :func:`scan_steps`, each step a kernel of its own, with one vector per dtype going in and out."""
+    row: Layout
+
+    @one_kernel
+    def apart(
+        estimator: Estimator[Any], packed: dict[str, Array], samples: Array, dt: Array, i: Array
+    ) -> tuple[dict[str, Array], dict[str, Array]]:
+        nonlocal row
+        sample = {c: samples[i, column] for column, c in enumerate(estimator.channels)}
+        state, info = estimator.step(layout.unpack(packed), sample, dt[i])
+        told = keep(estimator, state, info)
+        row = Layout(told)
+        return layout.pack(state), row.pack(told)
+
+    def step(packed: dict[str, Array], i: Any) -> tuple[dict[str, Array], dict[str, Array]]:
+        return apart(estimator, packed, samples, dt, i)
+
+    packed, rows = _steps(step, packed, len(dt), count)
+    return packed, row.unpack(rows)
+
+
+def _steps(
+    step: Callable[[C, Any], tuple[C, R]], carry: C, length: int, count: Int[Array, ""] | int
+) -> tuple[C, R]:
+    """Calls of ``step(carry, i)`` for ``count`` i: the last carry, and ``length`` rows."""
+    begin = jnp.zeros((), int)
+    step = eqx.filter_closure_convert(step, carry, begin)  # traced once, for the shapes and for the loop
+    shapes = step.out_struct[1]  # type: ignore[attr-defined]
+    rows = jax.tree.map(lambda one: jnp.zeros((length, *one.shape), one.dtype), shapes)
+
+    def body(i: Any, work: tuple[C, R]) -> tuple[C, R]:
+        carry, row = step(work[0], i)
+        put = jax.lax.dynamic_update_index_in_dim
+        return carry, jax.tree.map(lambda rows, new: put(rows, new, i, axis=0), work[1], row)
+
+    return cast("tuple[C, R]", jax.lax.fori_loop(begin, count, body, (carry, rows)))
+
+
+SHORT = 30_000
+"""Samples up to which whoever waits for a run waits for the compiler.
+
+A loop that is one kernel takes twice as long to compile as one whose steps are kernels, since what a compiler
+does to one of the many small loops in a step it does within all that is around it. Steps of their own take a
+third longer.
+"""
+
+_WHOLE, _APART = jit_loop(scan_steps), jit_loop(scan_apart, whole=False)
+
+
+def steps_through(total: int) -> Callable[..., Any]:
+    """The compiled :func:`scan_steps` for a run of so many samples."""
+    return _APART if total <= SHORT else _WHOLE
 
 
 class Inputs(NamedTuple):

@@ -20,7 +20,7 @@ from roadstate.estimators import all_estimators
 from roadstate.estimators.base import Estimator, Smoothable
 from roadstate.filters.base import FilterState, Moved
 from roadstate.filters.smoother import Recorded, Recorder, look_back
-from roadstate.run.chunk import Row, advance, cut, inputs, scan_steps, start, to_estimates
+from roadstate.run.chunk import Row, advance, cut, inputs, start, steps_through, to_estimates
 
 _CHUNK = 512
 """Samples whose states are held at once. Of the rest only one in so many is kept, and filtered anew from
@@ -99,10 +99,11 @@ def smooth(
             progress(min(chunks * _CHUNK, 2 * total) * len(log) // (2 * total), len(log))
 
     chunks = [cut(samples, dt, begin, _CHUNK) for begin in begins]
+    forth = steps_through(total)
     states = [state]
     for i, chunk in enumerate(chunks[:-1]):
         values, steps = map(jnp.asarray, chunk)
-        state_after, _ = _forth(estimator, layout, states[-1], values, steps, jnp.asarray(_CHUNK), _nothing)
+        state_after, _ = forth(estimator, layout, states[-1], values, steps, jnp.asarray(_CHUNK), _nothing)
         states.append(state_after)
         tell(i + 1)
     ahead = _beyond(estimator, layout, state)
@@ -203,4 +204,4 @@ def _beyond(estimator: Estimator[Any], layout: Layout, state: Any) -> _Ahead:
     return empty
 
 
-_forth, _back = jit_loop(scan_steps), jit_loop(_smooth_chunk)
+_back = jit_loop(_smooth_chunk)
