@@ -8,6 +8,7 @@ import gc
 import math
 import os
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import jax
@@ -61,7 +62,7 @@ MOST_MAPS = 40_000  # a module adds up to ten thousand
 chunk.SHORT = 10**9  # whichever program a log would get: here compilers are waited for, whatever its length
 
 # all tests have the same one: what one has traced and compiled the next need not
-OPTIMISED = numerics.jit_loop(chunk.scan_apart, whole=False)
+OPTIMISED = numerics.jit_loop(partial(chunk.scan_steps, apart=True), whole=False)
 
 
 @pytest.fixture

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any, NamedTuple, TypeVar, cast
 
 import equinox as eqx
@@ -90,49 +91,36 @@ def scan_steps(
     dt: Float[Array, " k"],
     count: Int[Array, ""] | int,
     keep: Callable[[Estimator[Any], Any, Info], R],
+    *,
+    apart: bool = False,
 ) -> tuple[dict[str, Array], R]:
     """``count`` steps through a chunk: the packed state after them, and of each what is to be kept.
 
-    Rows beyond ``count`` are zero.
+    Rows beyond ``count`` are zero. Where steps are to stand ``apart``, each is a kernel of its own, with one
+    vector per dtype going in and out.
     """
 
-    def step(state: Any, i: Any) -> tuple[Any, R]:
+    def one(estimator: Estimator[Any], state: Any, samples: Array, dt: Array, i: Any) -> tuple[Any, R]:
         sample = {c: samples[i, column] for column, c in enumerate(estimator.channels)}
         state, info = estimator.step(state, sample, dt[i])
         return state, keep(estimator, state, info)
 
-    state, rows = _steps(step, layout.unpack(packed), len(dt), count)
-    return layout.pack(state), rows
+    if not apart:
+        unpacked = layout.unpack(packed)
+        state, rows = _steps(lambda s, i: one(estimator, s, samples, dt, i), unpacked, len(dt), count)
+        return layout.pack(state), rows
 
-
-def scan_apart(
-    estimator: Estimator[Any],
-    layout: Layout,
-    packed: dict[str, Array],
-    samples: Float[Array, "k c"],
-    dt: Float[Array, " k"],
-    count: Int[Array, ""] | int,
-    keep: Callable[[Estimator[Any], Any, Info], R],
-) -> tuple[dict[str, Array], R]:
-    """As :func:`scan_steps`, each step a kernel of its own, with one vector per dtype going in and out."""
     row: Layout
 
     @one_kernel
-    def apart(
-        estimator: Estimator[Any], packed: dict[str, Array], samples: Array, dt: Array, i: Array
-    ) -> tuple[dict[str, Array], dict[str, Array]]:
+    def kernel(estimator: Estimator[Any], packed: Any, samples: Array, dt: Array, i: Any) -> tuple[Any, Any]:
         nonlocal row
-        sample = {c: samples[i, column] for column, c in enumerate(estimator.channels)}
-        state, info = estimator.step(layout.unpack(packed), sample, dt[i])
-        told = keep(estimator, state, info)
+        state, told = one(estimator, layout.unpack(packed), samples, dt, i)
         row = Layout(told)
         return layout.pack(state), row.pack(told)
 
-    def step(packed: dict[str, Array], i: Any) -> tuple[dict[str, Array], dict[str, Array]]:
-        return apart(estimator, packed, samples, dt, i)
-
-    packed, rows = _steps(step, packed, len(dt), count)
-    return packed, row.unpack(rows)
+    packed, packed_rows = _steps(lambda p, i: kernel(estimator, p, samples, dt, i), packed, len(dt), count)
+    return packed, row.unpack(packed_rows)
 
 
 def _steps(
@@ -160,7 +148,7 @@ does to one of the many small loops in a step it does within all that is around 
 third longer.
 """
 
-_WHOLE, _APART = jit_loop(scan_steps), jit_loop(scan_apart, whole=False)
+_WHOLE, _APART = jit_loop(scan_steps), jit_loop(partial(scan_steps, apart=True), whole=False)
 
 
 def steps_through(total: int) -> Callable[..., Any]:
