@@ -67,7 +67,7 @@ OPTIMISED = numerics.jit_loop(partial(chunk.scan_steps, apart=True), whole=False
 
 @pytest.fixture
 def optimised(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The loops of scans and of likelihoods as users have them, which takes three times as long to compile.
+    """The loops of scans and of likelihoods optimised as for users, which takes twice as long to compile.
 
     For tests that go through some ten thousand steps, each of which is up to ten times as fast.
     """

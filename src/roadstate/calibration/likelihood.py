@@ -34,7 +34,7 @@ _BALANCE = ("mass", "aerodynamics", "rolling_resistance", "driveline", "brakes",
 _FRICTION = ("tires", "friction")
 _ROADS = np.geomspace(0.15, 1.4, 24)  # frictions to begin with
 _ROUNDING = 1e-3  # of a score
-_PASSES = 50  # that a fit makes through a log, at least
+_PASSES = 50  # that a fit makes through a log, in order of magnitude
 
 
 class Curvature(NamedTuple):

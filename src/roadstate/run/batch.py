@@ -58,8 +58,8 @@ def batch(
 
     Logs are taken in groups, which are shared among threads (a compiled loop holds no lock); within a group
     all logs advance together. On a CPU a group is a single log: one keeps a core as busy as many would, and
-    the program is that of :func:`roadstate.run.scan`, compiled once for both. The numbers are those of
-    ``scan``, to rounding.
+    the program is that of :func:`roadstate.run.scan` for a log as long as all of them. The numbers are
+    those of ``scan``, to rounding.
 
     Args:
         estimators: one for all logs, or one for each (built alike: same channels, other parameters).

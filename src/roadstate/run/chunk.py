@@ -25,7 +25,7 @@ R = TypeVar("R")
 C = TypeVar("C")
 
 CHUNK = 2048
-"""Samples a compiled loop takes at once: any log runs through this one program, padded at its end.
+"""Samples a compiled loop takes at once: any log runs through such a program, padded at its end.
 
 So many that starting the program costs little beside its steps, so few that a short log does not wait long
 for its padding.
