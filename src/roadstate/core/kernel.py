@@ -40,27 +40,30 @@ def one_kernel(function: Callable[P, R]) -> Callable[P, R]:
     def call(*args: P.args, **kwargs: P.kwargs) -> R:
         if jax.default_backend() != "cpu":
             return function(*args, **kwargs)
-        traced, arrays, others = eqx.filter_make_jaxpr(function)(*args, **kwargs)
-        flat = _run(traced, jax.tree.leaves(eqx.filter((args, kwargs), eqx.is_array)))
-        result: R = eqx.combine(jax.tree.unflatten(jax.tree.structure(arrays), flat), others)
-        return result
+        arrays, others = eqx.partition((args, kwargs), eqx.is_array)
+        leaves, structure = jax.tree.flatten(arrays)
+        kept: Any = None  # of the result what is no array
+
+        @jax.jit
+        def whole(*full: Array) -> tuple[Float[Array, ""], Any]:
+            nonlocal kept
+            rest = iter(full)
+            given = [next(rest) if a.size else jnp.zeros(a.shape, a.dtype) for a in leaves]
+            inner, named = eqx.combine(jax.tree.unflatten(structure, given), others)
+            result, kept = eqx.partition(function(*inner, **named), eqx.is_array)
+            return _witness(full), result
+
+        full = [a for a in leaves if a.size]
+        # the call after it finds the program traced
+        calls = {eqn.primitive.name for eqn in equations(whole.trace(*full).jaxpr)}
+        if _OUTSIDE & calls:
+            told = whole(*full)
+        else:
+            called = marked(whole, *full, **_MARKS)
+            told = jax.lax.optimization_barrier(called)  # type: ignore[no-untyped-call]
+        return cast(R, eqx.combine(told[1], kept))
 
     return call
-
-
-def _run(traced: jex.core.ClosedJaxpr, leaves: list[Array]) -> list[Array]:
-    run: Callable[..., list[Array]] = jex.core.jaxpr_as_fun(traced)
-    if _OUTSIDE & {eqn.primitive.name for eqn in equations(traced.jaxpr)}:
-        return run(*leaves)
-
-    @jax.jit
-    def whole(*full: Array) -> tuple[Float[Array, ""], list[Array]]:
-        rest = iter(full)
-        return _witness(full), run(*(next(rest) if a.size else jnp.zeros(a.shape, a.dtype) for a in leaves))
-
-    called = marked(whole, *(a for a in leaves if a.size), **_MARKS)
-    results: list[Array] = jax.lax.optimization_barrier(called)[1]  # type: ignore[no-untyped-call]
-    return results
 
 
 def marked(jitted: Callable[..., R], *args: Any, **marks: str) -> R:
