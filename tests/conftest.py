@@ -30,7 +30,8 @@ os.environ["XLA_FLAGS"] = " ".join([os.environ.get("XLA_FLAGS", ""), *_known]).s
 numerics.LOOP_OPTIONS["xla_backend_optimization_level"] = 0
 # where in the sources each operation comes from takes a twentieth of the tests' time to write down
 jax.config.update("jax_traceback_in_locations_limit", 0)
-numerics.use_compilation_cache()  # the tests wait for compilers more than for anything else
+# the tests wait for compilers more than for anything else; some put other figures into modules
+numerics.use_compilation_cache(traces=False)
 # examples that compile, or wait for a busy machine, have no deadline
 settings.register_profile("roadstate", deadline=None)
 settings.load_profile("roadstate")

@@ -15,6 +15,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
+from roadstate.core import traced
 from roadstate.core.kernel import one_kernel
 
 P = ParamSpec("P")
@@ -47,7 +48,9 @@ if "JAX_ENABLE_X64" not in os.environ:
     jax.config.update("jax_enable_x64", True)  # type: ignore[no-untyped-call]
 
 
-def jit_loop(function: Callable[P, R], *, whole: bool = True) -> Callable[P, R]:
+def jit_loop(
+    function: Callable[P, R], *, whole: bool = True, results: tuple[type, ...] | None = None
+) -> Callable[P, R]:
     """``equinox.filter_jit`` for a function that is one long loop over small arrays.
 
     On a CPU such a loop would spend most of its time going from one tiny kernel to the next. So it becomes
@@ -57,12 +60,14 @@ def jit_loop(function: Callable[P, R], *, whole: bool = True) -> Callable[P, R]:
         function: the loop.
         whole: make it one kernel; without, the function marks by itself what shall be one
             (:func:`roadstate.core.kernel.one_kernel`).
+        results: named tuples among what it returns, if that is nothing but arrays, in tuples and dicts: then
+            what it was traced to is kept for the next process (:mod:`roadstate.core.traced`).
     """
     looped = one_kernel(function) if whole else function
 
     asked = Lock()
     begun: dict[Hashable, Lock] = {}
-    done: set[Hashable] = set()
+    programs: dict[Hashable, Callable[P, R]] = {}
 
     @cache
     def compiled() -> Callable[P, R]:
@@ -79,15 +84,18 @@ def jit_loop(function: Callable[P, R], *, whole: bool = True) -> Callable[P, R]:
         if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
             return within(*args, **kwargs)
         key = structure, tuple((x.shape, x.dtype) if hasattr(x, "dtype") else x for x in leaves)
-        with asked:
-            program, first = compiled(), begun.setdefault(key, Lock())
-        if key not in done:
+        if key not in programs:
+            with asked:
+                usual, first = compiled(), begun.setdefault(key, Lock())
             with first:  # threads that come at once shall wait for one program, not compile one each
-                if key not in done:
-                    result = program(*args, **kwargs)
-                    done.add(key)
+                if key not in programs:
+                    kept = None
+                    if results is not None:
+                        kept = traced.recalled(looped, results, loop_options(), *args, **kwargs)
+                    result = (kept or usual)(*args, **kwargs)
+                    programs[key] = kept or usual
                     return result
-        return program(*args, **kwargs)
+        return programs[key](*args, **kwargs)
 
     return call
 
@@ -124,12 +132,14 @@ def _in(dtype: Any, tree: T) -> T:
     return cast
 
 
-def use_compilation_cache(folder: str | Path | None = None) -> Path | None:
+def use_compilation_cache(folder: str | Path | None = None, *, traces: bool = True) -> Path | None:
     """Keep compiled programs on disk, so that only a program's first run ever waits for the compiler.
 
     Args:
         folder: where; default ``$ROADSTATE_CACHE``, else ``roadstate`` in the user's cache folder. An empty
             ``$ROADSTATE_CACHE`` turns the cache off.
+        traces: keep also what estimators' steps were traced to. Not for a process that changes what the
+            package's modules hold, to see what comes of it.
 
     Returns:
         The folder in use, or ``None`` where the cache is off or the folder cannot be made.
@@ -147,6 +157,7 @@ def use_compilation_cache(folder: str | Path | None = None) -> Path | None:
     jax.config.update("jax_compilation_cache_dir", str(path))  # type: ignore[no-untyped-call]
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)  # type: ignore[no-untyped-call]
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)  # type: ignore[no-untyped-call]
+    traced.folder = path if traces else None
     return path
 
 

@@ -37,7 +37,8 @@ class Layout:
         leaves = once([jnp.ravel(leaf) for leaf in jax.tree.leaves(tree)])
         for (kind, _, _), leaf in zip(self._slots, leaves, strict=True):
             parts[kind].append(leaf)
-        return {kind: jnp.concatenate(vectors) for kind, vectors in parts.items()}
+        # of that dtype, not of one that gives way: to a compiled program these are two
+        return {kind: jnp.concatenate(vectors).astype(kind) for kind, vectors in parts.items()}
 
     def unpack(self, packed: dict[str, Any]) -> Any:
         """The pytree; leading axes of the vectors (a scan's time) stay in front of each leaf."""
@@ -52,6 +53,9 @@ class Layout:
         if not isinstance(other, Layout):
             return NotImplemented
         return self._slots == other._slots and bool(self._treedef == other._treedef)  # type: ignore[operator]
+
+    def __repr__(self) -> str:
+        return f"Layout({self._slots})"
 
     def __hash__(self) -> int:
         return hash((tuple(self._slots), self._treedef))

@@ -32,7 +32,7 @@ def leaf(value: float) -> Float[Array, ""]:
     return jnp.asarray(float(value))
 
 
-class Estimate(eqx.Module):
+class Estimate(NamedTuple):
     """What an estimator says at one instant.
 
     Attributes:

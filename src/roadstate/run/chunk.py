@@ -148,7 +148,8 @@ does to one of the many small loops in a step it does within all that is around 
 third longer.
 """
 
-_WHOLE, _APART = jit_loop(scan_steps), jit_loop(partial(scan_steps, apart=True), whole=False)
+_WHOLE = jit_loop(scan_steps, results=(Row, Estimate))
+_APART = jit_loop(partial(scan_steps, apart=True), whole=False, results=(Row, Estimate))
 
 
 def steps_through(total: int) -> Callable[..., Any]:

@@ -1,0 +1,173 @@
+"""Traced programs on disk, beside the compiled ones.
+
+A compiled program is found again by what was traced, and to trace the thousands of operations of an
+estimator's step takes Python seconds, in each process anew. So what came of it is kept, as StableHLO by
+``jax.export``, under a name that follows from all it depends on: this package's sources, the versions of what
+traces them, JAX's settings, and the arguments' structure and shapes.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+import os
+import tempfile
+from collections.abc import Callable
+from contextlib import suppress
+from functools import cache, partial
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, ParamSpec, TypeVar
+
+import equinox as eqx
+import jax
+import numpy as np
+from jax import export
+from jaxtyping import PyTree
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+folder: Path | None = None
+"""Where they are kept; ``None``: nowhere, and every program is traced."""
+
+_PACKAGE = __name__.split(".")[0]
+_SIGNED = hashlib.sha256().digest_size
+_ELSEWHERE = " at 0x"  # in what Python says of things that have no other name than where they lie in memory
+
+
+def recalled(
+    function: Callable[P, R],
+    results: tuple[type, ...],
+    options: dict[str, Any],
+    *args: P.args,
+    **kwargs: P.kwargs,
+) -> Callable[P, R] | None:
+    """A function compiled for arguments like these, by what it was traced to: before, or now for next time.
+
+    Args:
+        function: this package's; of arrays it returns nothing but arrays, in tuples and dicts.
+        results: named tuples among what it returns.
+        options: the compiler's.
+        args, kwargs: of its first call.
+
+    Returns:
+        The program, or ``None`` where it cannot be kept: no folder is set, it is for another device than a
+        CPU, or something in it comes from elsewhere, whose source may be another one the next time.
+    """
+    if folder is None or jax.default_backend() != "cpu" or jax.config.jax_disable_jit:
+        return None
+    told = _description(function, (args, kwargs))
+    if told is None:
+        return None
+    for kind in results:
+        _register(kind)
+    path = folder / f"{hashlib.sha256(told.encode()).hexdigest()}.traced"
+    exported = _read(path)
+    if exported is None:
+        arrays, others = eqx.partition((args, kwargs), eqx.is_array)
+        leaves, structure = jax.tree.flatten(arrays)
+
+        def flat(leaves: list[Any]) -> R:
+            inner, named = eqx.combine(jax.tree.unflatten(structure, leaves), others)
+            return function(*inner, **named)
+
+        try:
+            exported = export.export(jax.jit(flat))(leaves)
+        except ValueError:  # it calls a library in a way that another version may not have
+            return None
+        _write(path, exported.serialize())
+    program = jax.jit(exported.call, compiler_options=options)
+
+    def call(*args: P.args, **kwargs: P.kwargs) -> R:
+        leaves = jax.tree.leaves(eqx.filter((args, kwargs), eqx.is_array))
+        # what it returns is bound to its device: were its arguments not, there would be a program for either
+        result: R = program(jax.device_put(leaves, next(iter(leaves[0].devices()))))
+        return result
+
+    return call
+
+
+@cache
+def _register(kind: type) -> None:
+    export.register_namedtuple_serialization(kind, serialized_name=f"{kind.__module__}.{kind.__qualname__}")
+
+
+def _read(path: Path) -> Any:
+    """What was kept; ``None`` where there is nothing, or not all of it."""
+    try:
+        kept = path.read_bytes()
+    except OSError:
+        return None
+    sign, traced = kept[:_SIGNED], kept[_SIGNED:]
+    if sign != hashlib.sha256(traced).digest():
+        return None
+    return export.deserialize(bytearray(traced))
+
+
+def _write(path: Path, traced: bytearray) -> None:
+    """Keep it, whole or not at all; a folder that is full or may only be read is no error."""
+    with suppress(OSError):
+        handle, name = tempfile.mkstemp(dir=path.parent, suffix=".part")
+        try:
+            with os.fdopen(handle, "wb") as file:
+                file.write(hashlib.sha256(traced).digest() + traced)
+            Path(name).replace(path)
+        except BaseException:
+            Path(name).unlink(missing_ok=True)
+            raise
+
+
+def _description(function: Callable[..., Any], arguments: PyTree) -> str | None:
+    """All that a trace depends on; ``None`` where that cannot be told."""
+    leaves, structure = jax.tree.flatten(arguments)
+    if any(
+        isinstance(leaf, np.ndarray | np.generic) for leaf in leaves
+    ):  # whose values would be in the trace
+        return None
+    words = [_told(function), _settings(), *_versions(), _shape(structure), *map(_told, leaves)]
+    told = "\n".join(words)
+    return None if _ELSEWHERE in told else told
+
+
+def _shape(structure: Any) -> str:
+    """A tree's structure, with what its nodes hold that is no leaf."""
+    node = structure.node_data()
+    if node is None:
+        return "*"
+    kind, data = node
+    name = f"{kind.__module__}.{kind.__qualname__}" if _is_known(kind) else _ELSEWHERE
+    return f"{name} {_told(data)} ({', '.join(map(_shape, structure.children()))})"
+
+
+def _is_known(thing: Any) -> bool:
+    return thing.__module__.split(".")[0] in (_PACKAGE, "builtins")
+
+
+def _told(value: Any) -> str:
+    """What of a value a trace depends on; with :data:`_ELSEWHERE` where that is not only this package."""
+    if isinstance(value, jax.Array):
+        return f"{value.dtype}{value.shape}{value.weak_type}"
+    if isinstance(value, partial):
+        return f"{_told(value.func)} {_told(value.args)} {value.keywords!r}"
+    if isinstance(value, tuple | list):
+        return f"({', '.join(map(_told, value))})"
+    if inspect.isfunction(value) and _is_known(value) and "<" not in value.__qualname__:
+        return f"{value.__module__}.{value.__qualname__} by {value.__code__.co_qualname}"
+    return repr(value)
+
+
+def _settings() -> str:
+    """JAX's, but where it keeps compiled programs."""
+    kept = {k: v for k, v in jax.config.values.items() if not k.startswith("jax_compilation_cache")}
+    return repr(sorted(kept.items()))
+
+
+@cache
+def _versions() -> tuple[str, ...]:
+    """Of the package, by its sources, and of what traces them."""
+    digest = hashlib.sha256()
+    root = Path(__file__).parent.parent
+    for path in sorted(root.rglob("*.py")):
+        digest.update(str(path.relative_to(root)).encode() + path.read_bytes())
+    return digest.hexdigest(), *(version(name) for name in ("jax", "jaxlib", "equinox", "numpy"))
