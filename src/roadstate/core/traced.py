@@ -55,7 +55,7 @@ def recalled(
         The program, or ``None`` where it cannot be kept: no folder is set, it is for another device than a
         CPU, or something in it comes from elsewhere, whose source may be another one the next time.
     """
-    if folder is None or jax.default_backend() != "cpu" or jax.config.jax_disable_jit:
+    if folder is None or jax.default_backend() != "cpu" or jax.config.values["jax_disable_jit"]:
         return None
     told = _description(function, (args, kwargs))
     if told is None:

@@ -14,6 +14,7 @@ from jaxtyping import Array, Bool, Float
 
 from roadstate.core import Estimates, InputError, Log
 from roadstate.core.gaussian import Gaussian
+from roadstate.core.kernel import one_kernel
 from roadstate.core.numerics import jit_loop
 from roadstate.core.packing import Layout
 from roadstate.estimators import all_estimators
@@ -163,14 +164,14 @@ def _smooth_chunk(
     where = smoothable(estimator)
     layouts: dict[str, Layout] = {}
 
-    def forth(packed: Any, row: Any) -> tuple[Any, Any]:
-        values, step = row
+    @one_kernel
+    def forth(estimator: Estimator[Any], packed: Any, values: Any, step: Any) -> tuple[Any, Any]:
         behind = _recorded(estimator, layout.unpack(packed), _samples(estimator, values), step)
         layouts["behind"], layouts["row"] = Layout(behind), Layout(behind.row)
         return layout.pack(behind.state), layouts["behind"].pack(behind)
 
-    def back(ahead: _Ahead, row: Any) -> tuple[_Ahead, Any]:
-        packed, real = row
+    @one_kernel
+    def back(estimator: Estimator[Any], ahead: _Ahead, packed: Any, real: Any) -> tuple[_Ahead, Any]:
         state, told, moved = layouts["behind"].unpack(packed)
         held = getattr(state, where.state)
         smoothed = jax.tree.map(
@@ -184,8 +185,8 @@ def _smooth_chunk(
         out = layouts["row"].pack(told), layouts["estimate"].pack(estimate)
         return _Ahead(smoothed, moved, real), out
 
-    _, left = jax.lax.scan(forth, state, (samples, dt))
-    ahead, told = jax.lax.scan(back, ahead, (left, exists), reverse=True)
+    _, left = jax.lax.scan(lambda s, row: forth(estimator, s, *row), state, (samples, dt))
+    ahead, told = jax.lax.scan(lambda a, row: back(estimator, a, *row), ahead, (left, exists), reverse=True)
     return ahead, told, (layouts["row"], layouts["estimate"])
 
 
@@ -204,4 +205,4 @@ def _beyond(estimator: Estimator[Any], layout: Layout, state: Any) -> _Ahead:
     return empty
 
 
-_back = jit_loop(_smooth_chunk)
+_back = jit_loop(_smooth_chunk, whole=False)
