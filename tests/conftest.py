@@ -8,7 +8,6 @@ import gc
 import math
 import os
 from collections.abc import Iterator
-from functools import partial
 from pathlib import Path
 
 import jax
@@ -62,18 +61,16 @@ MOST_MAPS = 40_000  # a module adds up to ten thousand
 
 chunk.SHORT = 10**9  # whichever program a log would get: here compilers are waited for, whatever its length
 
-# all tests have the same one: what one has traced and compiled the next need not
-OPTIMISED = numerics.jit_loop(partial(chunk.scan_steps, apart=True), whole=False)
 
+@pytest.fixture(scope="module")
+def optimised() -> Iterator[None]:
+    """Loops optimised as for users, which takes twice as long to compile, for the rest of a module.
 
-@pytest.fixture
-def optimised(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The loops of scans and of likelihoods optimised as for users, which takes twice as long to compile.
-
-    For tests that go through some ten thousand steps, each of which is up to ten times as fast.
+    For tests that go through some ten thousand steps in all, each of which is up to ten times as fast.
     """
-    monkeypatch.setitem(numerics.LOOP_OPTIONS, "xla_backend_optimization_level", 1)
-    monkeypatch.setattr(chunk, "_APART", OPTIMISED)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(numerics.LOOP_OPTIONS, "xla_backend_optimization_level", 1)
+        yield
 
 
 def give_back() -> None:

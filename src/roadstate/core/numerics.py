@@ -70,9 +70,8 @@ def jit_loop(
     programs: dict[Hashable, Callable[P, R]] = {}
 
     @cache
-    def compiled() -> Callable[P, R]:
-        # at the first call, not at import: knowing the options starts a backend
-        jitted: Callable[P, R] = eqx.filter_jit(looped, compiler_options=loop_options())  # type: ignore[call-overload]
+    def compiled(options: tuple[tuple[str, bool | str | int], ...]) -> Callable[P, R]:
+        jitted: Callable[P, R] = eqx.filter_jit(looped, compiler_options=dict(options))  # type: ignore[call-overload]
         return jitted
 
     within: Callable[P, R] = eqx.filter_jit(function)
@@ -83,15 +82,17 @@ def jit_loop(
         # inside another transformation, whose options hold and whose compiler refuses to be given more
         if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
             return within(*args, **kwargs)
-        key = structure, tuple((x.shape, x.dtype) if hasattr(x, "dtype") else x for x in leaves)
+        # at a call, not at import: knowing the options starts a backend
+        options = tuple(loop_options().items())
+        key = options, structure, tuple((x.shape, x.dtype) if hasattr(x, "dtype") else x for x in leaves)
         if key not in programs:
             with asked:
-                usual, first = compiled(), begun.setdefault(key, Lock())
+                usual, first = compiled(options), begun.setdefault(key, Lock())
             with first:  # threads that come at once shall wait for one program, not compile one each
                 if key not in programs:
                     kept = None
                     if results is not None:
-                        kept = traced.recalled(looped, results, loop_options(), *args, **kwargs)
+                        kept = traced.recalled(looped, results, dict(options), *args, **kwargs)
                     result = (kept or usual)(*args, **kwargs)
                     programs[key] = kept or usual
                     return result
