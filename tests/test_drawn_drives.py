@@ -25,7 +25,7 @@ def test_what_is_drawn() -> None:
     np.testing.assert_array_equal(one.script.table, same.script.table)
     assert one.speed == same.speed != other.speed
     assert one.duration == pytest.approx(drives._SETTLES + drives.SECONDS)
-    many = [drives._manoeuvre(np.random.default_rng(s), drives.MIXED, car) for s in range(40)]
+    many = [drives._manoeuvre(np.random.default_rng(s), drives.MIXED, car) for s in range(16)]
     places = np.arange(50.0, 1500.0, 50.0)
     points = [m.road.at(places, np.zeros_like(places)) for m in many]
     friction = np.concatenate([np.asarray(p.friction) for p in points])
@@ -40,7 +40,7 @@ def test_what_is_drawn() -> None:
     )
     assert turning.max() < 0.7 * 1.05 * GRAVITY
     # a winding road asks for more, and of a friction that stays
-    winding = [drives._manoeuvre(np.random.default_rng(s), drives.WINDING, car) for s in range(40)]
+    winding = [drives._manoeuvre(np.random.default_rng(s), drives.WINDING, car) for s in range(16)]
     points = [m.road.at(places, np.zeros_like(places)) for m in winding]
     for road in points:
         assert np.ptp(np.asarray(road.friction)) == 0

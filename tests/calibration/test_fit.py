@@ -10,6 +10,8 @@ from roadstate.calibration import Calibration, Learned, calibrate, fit
 from roadstate.core import InputError, Log
 from roadstate.vehicles import Vehicle
 
+pytestmark = pytest.mark.usefixtures("optimised")
+
 
 def noise_of(found: Calibration) -> Learned:
     return next(one for one in found.learned if one.parameter.name == "sensors.speed.noise")

@@ -26,6 +26,8 @@ from roadstate.run import scan
 from roadstate.sim import simulate
 from roadstate.vehicles import load_vehicle, presets
 
+pytestmark = pytest.mark.usefixtures("optimised")
+
 METRICS = {"mae", "rmse", "max", "nees", "coverage95", "settle_s", "n"}
 FIGURES = {"unit", "mean", "std", "min", "max", "final", "final_std", "mean_std"}
 

@@ -19,6 +19,8 @@ from roadstate.estimators.intake import ACCEL_X, ACCEL_Y, SPIN, Signals
 from roadstate.estimators.load_transfer import Lean
 from roadstate.vehicles import Vehicle, load_vehicle
 
+read = eqx.filter_jit(ForceMeter.read)
+
 SPEED, STEP = 20.0, 0.01
 
 
@@ -50,8 +52,8 @@ def balance(
         sample = {"engine_torque": jnp.asarray(torque), "gear_ratio": jnp.asarray(gear)}
     leaning = Lean(jnp.asarray(accel), jnp.zeros(()), jnp.asarray(accel))
     state = meter.init()._replace(lean=leaning)
-    _, forces = meter.read(
-        state, sample, signals, jnp.asarray(SPEED), jnp.zeros(2), jnp.asarray(slope), jnp.asarray(STEP)
+    _, forces = read(
+        meter, state, sample, signals, jnp.asarray(SPEED), jnp.zeros(2), jnp.asarray(slope), jnp.asarray(STEP)
     )
     return forces
 
@@ -113,10 +115,9 @@ def test_what_turns_up_an_engine_is_no_brake(
     )
     numbers = [jnp.asarray(n) for n in (SPEED, slope, STEP)]
     arrays = {channel: jnp.asarray(value) for channel, value in sample.items()}
-    step = eqx.filter_jit(meter.read)
     state = meter.init()
     for _ in range(200):
-        state, forces = step(state, arrays, signals, numbers[0], jnp.zeros(2), *numbers[1:])
+        state, forces = read(meter, state, arrays, signals, numbers[0], jnp.zeros(2), *numbers[1:])
     assert bool(forces.is_brake_unknown) == found
 
 
@@ -176,7 +177,7 @@ def leans(vehicle: Vehicle, kinds: tuple[str, ...], lasting: float = 0.0) -> np.
             jnp.zeros(8, bool),
         )
         speed, still = jnp.asarray(SPEED), jnp.zeros(())
-        state, forces = meter.read(state, sample, signals, speed, jnp.zeros(2), still, jnp.asarray(STEP))
+        state, forces = read(meter, state, sample, signals, speed, jnp.zeros(2), still, jnp.asarray(STEP))
         return state, forces.lean.accel
 
     shaken = lasting + 1.5 * np.sin(2 * np.pi * 1.5 * STEP * np.arange(600))
@@ -214,7 +215,7 @@ def test_noise_of_torques_is_no_force_and_a_jump_of_them_is_one_at_once(vehicle:
         sample = {c: jnp.zeros(()) for c in meter.channels}
         sample |= {"drive_torque_fl": pair[0], "drive_torque_fr": pair[1]}
         speed, still = jnp.asarray(SPEED), jnp.zeros(())
-        state, forces = meter.read(state, sample, signals, speed, jnp.zeros(2), still, jnp.asarray(STEP))
+        state, forces = read(meter, state, sample, signals, speed, jnp.zeros(2), still, jnp.asarray(STEP))
         return state, forces.now.told[0]
 
     told = np.asarray(jax.lax.scan(step, meter.init(), jnp.asarray(torques))[1])
@@ -243,7 +244,7 @@ def test_what_stirs_up_an_axle_is_remembered_for_a_moment(vehicle: Vehicle) -> N
             jnp.zeros(8, bool),
         )
         speed, still = jnp.asarray(SPEED), jnp.zeros(())
-        state, forces = meter.read(state, {}, signals, speed, jnp.zeros(2), still, jnp.asarray(STEP))
+        state, forces = read(meter, state, {}, signals, speed, jnp.zeros(2), still, jnp.asarray(STEP))
         stir.append(np.asarray(forces.stir))
     assert stir[0].max() == 0
     assert stir[1][0].sum() == pytest.approx(2.0 * vehicle.mass, rel=0.05)  # more, where a body pitches
@@ -261,7 +262,7 @@ def untold(vehicle: Vehicle, accel: float, speed: float) -> AxleForces:
     )
     state = meter.init()._replace(lean=Lean(jnp.asarray(accel), jnp.zeros(()), jnp.asarray(accel)))
     still = jnp.zeros(())
-    return meter.read(state, {}, signals, jnp.asarray(speed), jnp.zeros(2), still, jnp.asarray(STEP))[1]
+    return read(meter, state, {}, signals, jnp.asarray(speed), jnp.zeros(2), still, jnp.asarray(STEP))[1]
 
 
 def test_wheels_that_nothing_drives_need_no_torque_to_be_told(vehicle: Vehicle) -> None:
@@ -316,7 +317,7 @@ def test_a_car_that_brakes_hold_keeps_what_its_tires_stopped_with(vehicle: Vehic
         )
         sample = {c: jnp.asarray(share * braked[c[-2]] if "brake" in c else 0.0) for c in meter.channels}
         slope, step = jnp.asarray(0.0 if speed else 1.0), jnp.asarray(STEP)
-        state, forces = meter.read(state, sample, signals, jnp.asarray(speed), jnp.zeros(2), slope, step)
+        state, forces = read(meter, state, sample, signals, jnp.asarray(speed), jnp.zeros(2), slope, step)
         front, rear = np.asarray(forces.now.along)
         apart.append(front - rear)
         total.append(front + rear)
@@ -342,7 +343,7 @@ def test_what_a_rough_road_shakes_is_no_lateral_force(
         )
         now = meter.init() if state is None else state
         speed, still = jnp.asarray(SPEED), jnp.zeros(())
-        state, forces = meter.read(now, {}, signals, speed, jnp.zeros(2), still, jnp.asarray(STEP))
+        state, forces = read(meter, now, {}, signals, speed, jnp.zeros(2), still, jnp.asarray(STEP))
         told.append(float(jnp.sum(forces.now.across)) / vehicle.mass)
     last = np.array(told[100:])
     assert last.mean() == pytest.approx(2.0, rel=0.03)
@@ -363,7 +364,7 @@ def test_a_lateral_force_acts_a_trail_behind_its_axle_as_the_car_moves(
         value, zero, jnp.ones(8, bool), value, zero, zero, zero, value, zero, jnp.zeros(2), jnp.zeros(8, bool)
     )
     still = jnp.zeros(())
-    told = meter.read(meter.init(), {}, signals, jnp.asarray(speed), jnp.zeros(2), still, jnp.asarray(STEP))[
+    told = read(meter, meter.init(), {}, signals, jnp.asarray(speed), jnp.zeros(2), still, jnp.asarray(STEP))[
         1
     ]
     geometry, trail = vehicle.geometry, 0.03 * np.sign(speed)

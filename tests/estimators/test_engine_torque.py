@@ -15,6 +15,8 @@ from roadstate.estimators.along import AlongModel
 from roadstate.run import scan
 from roadstate.vehicles import Vehicle
 
+pytestmark = pytest.mark.usefixtures("optimised")
+
 DT = 0.01
 GRADE = 0.02
 GEARS = (0, 5, 2, 3, 1, 4)

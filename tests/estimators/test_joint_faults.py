@@ -15,11 +15,11 @@ from roadstate.run import Stream, scan
 from roadstate.sim.sensors.wheel_pulses import ToothSensor
 from roadstate.vehicles import Vehicle
 
+pytestmark = pytest.mark.usefixtures("optimised")
 Array = NDArray[np.float64]
 RATE = 100.0
 TIME = np.arange(2000) / RATE
 NOISE = {"accel_x": 0.05, "accel_y": 0.05, "yaw_rate": 0.003, "steering_wheel": 0.01, "speed": 0.05}
-WHEEL_NOISE = 0.05  # rad/s
 BENDS = ("yaw_rate", "accel_y", "steering_wheel")
 SPINS = tuple(f"wheel_speed_{w}" for w in WHEELS)
 Turn = Callable[..., Log]
@@ -57,7 +57,7 @@ def turn(drive: Callable[..., Log], vehicle: Vehicle) -> Turn:
         }
         for i, spin in enumerate(SPINS):
             rolling = (speed - tracks[i] * yaw_rate) / np.cos(steer if i < 2 else 0.0) / radius
-            noise = WHEEL_NOISE * rng.standard_normal(count) * (np.abs(speed) > 0.1)
+            noise = 0.05 * rng.standard_normal(count) * (np.abs(speed) > 0.1)  # rad/s
             channels[spin] = np.abs(rolling + noise)
         # in reverse, what drives backward is drive and what slows is brakes
         torque = 2 * channels["drive_torque_fl"] - 4 * channels["brake_torque_fl"]

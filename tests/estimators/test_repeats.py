@@ -13,6 +13,8 @@ from roadstate.estimators import build
 from roadstate.run import batch
 from roadstate.vehicles import Vehicle
 
+pytestmark = pytest.mark.usefixtures("optimised")
+
 Array = NDArray[np.float64]
 FROM = 500
 """Samples in which the estimate settles."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -13,6 +14,7 @@ import pytest
 from filters.models import Bent, run, run_jit, simulate
 from oracles.grid import grid_filter
 from roadstate.core.gaussian import Gate, Gaussian, Reason
+from roadstate.core.numerics import loop_options
 from roadstate.filters import KF
 from roadstate.filters.base import GateRule
 from roadstate.filters.jitter import Regularization, Roughening
@@ -130,7 +132,8 @@ def linear() -> dict[str, Any]:
     return {"u": u, "z": z.at[4, 0].set(jnp.nan), "dt": dt}
 
 
-@eqx.filter_jit
+# hundreds of runs of hundreds of particles each
+@partial(eqx.filter_jit, compiler_options={k: 1 for k in loop_options() if k.endswith("optimization_level")})
 def seeds(method: Any, model: Any, data: dict[str, Any], count: int) -> tuple[Any, Any]:
     """Means (seeds, T, n) and log-likelihoods (seeds,) of the whole run."""
 
