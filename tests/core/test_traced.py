@@ -147,3 +147,8 @@ def test_a_function_without_a_name_is_told_by_its_place() -> None:
     assert traced._ELSEWHERE in traced._told(lambda: 0)
     assert traced._ELSEWHERE in traced._told((1, partial(alike, 1)))
     assert traced._told(chunk.kept) == "roadstate.run.chunk.kept by kept"
+
+
+def test_an_array_of_numpys_might_be_in_the_trace_and_so_is_not_told() -> None:
+    assert traced._ELSEWHERE in traced._told((1, np.zeros(2)))
+    assert traced._ELSEWHERE not in traced._told(jax.numpy.zeros(2))

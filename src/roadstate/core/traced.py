@@ -11,7 +11,6 @@ from __future__ import annotations
 import hashlib
 import inspect
 import os
-import tempfile
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache, partial
@@ -107,24 +106,18 @@ def _read(path: Path) -> Any:
 
 def _write(path: Path, traced: bytearray) -> None:
     """Keep it, whole or not at all; a folder that is full or may only be read is no error."""
-    with suppress(OSError):
-        handle, name = tempfile.mkstemp(dir=path.parent, suffix=".part")
-        try:
-            with os.fdopen(handle, "wb") as file:
-                file.write(hashlib.sha256(traced).digest() + traced)
-            Path(name).replace(path)
-        except BaseException:
-            Path(name).unlink(missing_ok=True)
-            raise
+    part = path.with_suffix(f".{os.getpid()}.part")
+    try:
+        part.write_bytes(hashlib.sha256(traced).digest() + traced)
+        part.replace(path)
+    except OSError:
+        with suppress(OSError):
+            part.unlink(missing_ok=True)
 
 
 def _description(function: Callable[..., Any], arguments: PyTree) -> str | None:
     """All that a trace depends on; ``None`` where that cannot be told."""
     leaves, structure = jax.tree.flatten(arguments)
-    if any(
-        isinstance(leaf, np.ndarray | np.generic) for leaf in leaves
-    ):  # whose values would be in the trace
-        return None
     words = [_told(function), _settings(), *_versions(), _shape(structure), *map(_told, leaves)]
     told = "\n".join(words)
     return None if _ELSEWHERE in told else told
@@ -148,6 +141,8 @@ def _told(value: Any) -> str:
     """What of a value a trace depends on; with :data:`_ELSEWHERE` where that is not only this package."""
     if isinstance(value, jax.Array):
         return f"{value.dtype}{value.shape}{value.weak_type}"
+    if isinstance(value, np.ndarray | np.generic):  # whose numbers might be in the trace
+        return _ELSEWHERE
     if isinstance(value, partial):
         return f"{_told(value.func)} {_told(value.args)} {value.keywords!r}"
     if isinstance(value, tuple | list):
