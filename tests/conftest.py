@@ -8,6 +8,7 @@ import gc
 import math
 import os
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import jax
@@ -29,8 +30,10 @@ os.environ["XLA_FLAGS"] = " ".join([os.environ.get("XLA_FLAGS", ""), *_known]).s
 numerics.LOOP_OPTIONS["xla_backend_optimization_level"] = 0
 # where in the sources each operation comes from takes a twentieth of the tests' time to write down
 jax.config.update("jax_traceback_in_locations_limit", 0)
-# the tests wait for compilers more than for anything else; some put other figures into modules
-numerics.use_compilation_cache(traces=False)
+# the tests wait for compilers more than for anything else; but some put other figures into modules, which no
+# trace that is kept would show, whichever command they run
+numerics.use_compilation_cache = partial(numerics.use_compilation_cache, traces=False)
+numerics.use_compilation_cache()
 # examples that compile, or wait for a busy machine, have no deadline
 settings.register_profile("roadstate", deadline=None)
 settings.load_profile("roadstate")
