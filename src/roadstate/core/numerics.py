@@ -90,11 +90,11 @@ def jit_loop(
                 usual, first = compiled(options), begun.setdefault(key, Lock())
             with first:  # threads that come at once shall wait for one program, not compile one each
                 if key not in programs:
-                    kept = None
+                    program = usual
                     if results is not None:
-                        kept = traced.recalled(looped, results, dict(options), *args, **kwargs)
-                    result = (kept or usual)(*args, **kwargs)
-                    programs[key] = kept or usual
+                        program = traced.recalled(looped, results, dict(options), *args, **kwargs) or usual
+                    result = program(*args, **kwargs)
+                    programs[key] = program
                     return result
         return programs[key](*args, **kwargs)
 
