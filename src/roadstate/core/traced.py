@@ -76,15 +76,18 @@ def recalled(
         except ValueError:  # it calls a library in a way that another version may not have
             return None
         _write(path, exported.serialize())
-    program = jax.jit(exported.call, compiler_options=options)
+    # compiled here, so that one program will do: its results are bound to a device, its first arguments not
+    program = jax.jit(exported.call, compiler_options=options).lower(_arrays(args, kwargs)).compile()
 
     def call(*args: P.args, **kwargs: P.kwargs) -> R:
-        leaves = jax.tree.leaves(eqx.filter((args, kwargs), eqx.is_array))
-        # what it returns is bound to its device: were its arguments not, there would be a program for either
-        result: R = program(jax.device_put(leaves, next(iter(leaves[0].devices()))))
+        result: R = program(_arrays(args, kwargs))
         return result
 
     return call
+
+
+def _arrays(*arguments: PyTree) -> list[Any]:
+    return jax.tree.leaves(eqx.filter(arguments, eqx.is_array))
 
 
 @cache
