@@ -41,7 +41,7 @@ def log() -> Log:
 def anew(monkeypatch: pytest.MonkeyPatch) -> None:
     """As in a process that has not run anything yet."""
     apart = partial(chunk.scan_steps, apart=True)
-    monkeypatch.setattr(chunk, "_APART", jit_loop(apart, whole=False, results=(chunk.Row, Estimate)))
+    monkeypatch.setattr(chunk, "_APART", jit_loop(apart, whole=False, results=(chunk.Row, chunk.Heard, Estimate)))
 
 
 def kept(folder: Path) -> list[Path]:

@@ -6,8 +6,7 @@ import jax.numpy as jnp
 import pytest
 
 from roadstate.core.gaussian import Gate, Info, Reason
-from roadstate.run.chunk import kept
-from run.odometer import Odometer
+from roadstate.run.chunk import heard
 
 
 @pytest.mark.parametrize(
@@ -33,6 +32,4 @@ def test_it_is_kept_where_a_sample_was_used(
         ok=jnp.asarray(reason != Reason.NOT_FINITE),
         reason=jnp.asarray(int(reason)),
     )
-    odometer = Odometer()
-    found = kept(odometer, odometer.init(), info).nis
-    assert bool(jnp.isfinite(found)) == is_kept
+    assert bool(jnp.isfinite(heard(info).nis)) == is_kept

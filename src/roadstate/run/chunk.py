@@ -50,29 +50,33 @@ _LISTENS = 5  # of the first steps through a break, until all is stale; then eac
 _LAST = 0.02  # s: of the one that leads to the sample
 
 
-class Row(NamedTuple):
-    """What one step leaves behind."""
+class Heard(NamedTuple):
+    """What came of one step's samples, by sensor."""
 
-    estimate: Estimate
     innovation: Float[Array, " m"]
     innovation_std: Float[Array, " m"]
     nis: Float[Array, ""]
     gate: Int[Array, " m"]
 
 
-def advance(estimator: Estimator[Any], state: Any, sample: Mapping[str, Any], dt: Any) -> tuple[Any, Row]:
-    """One step, and what to keep of it."""
-    state, info = estimator.step(state, sample, dt)
-    return state, kept(estimator, state, info)
+class Row(NamedTuple):
+    """What one step leaves behind."""
+
+    estimate: Estimate
+    heard: Heard
+
+
+def heard(info: Info) -> Heard:
+    """Of what a filter told of a step, what is kept."""
+    used = jnp.isfinite(info.innovation) & (info.gate != Gate.REJECTED)
+    updated = info.ok & (info.reason != Reason.NO_MEASUREMENT) & jnp.any(used)
+    nis = jnp.where(updated, info.nis, jnp.nan)
+    return Heard(info.innovation, jnp.sqrt(jnp.diagonal(info.S)), nis, info.gate)
 
 
 def kept(estimator: Estimator[Any], state: Any, info: Info) -> Row:
     """What a step leaves behind."""
-    used = jnp.isfinite(info.innovation) & (info.gate != Gate.REJECTED)
-    updated = info.ok & (info.reason != Reason.NO_MEASUREMENT) & jnp.any(used)
-    nis = jnp.where(updated, info.nis, jnp.nan)
-    spread = jnp.sqrt(jnp.diagonal(info.S))
-    return Row(estimator.estimate(state), info.innovation, spread, nis, info.gate)
+    return Row(estimator.estimate(state), heard(info))
 
 
 @eqx.filter_jit
@@ -148,8 +152,8 @@ does to one of the many small loops in a step it does within all that is around 
 third longer.
 """
 
-_WHOLE = jit_loop(scan_steps, results=(Row, Estimate))
-_APART = jit_loop(partial(scan_steps, apart=True), whole=False, results=(Row, Estimate))
+_WHOLE = jit_loop(scan_steps, results=(Row, Heard, Estimate))
+_APART = jit_loop(partial(scan_steps, apart=True), whole=False, results=(Row, Heard, Estimate))
 
 
 def steps_through(total: int) -> Callable[..., Any]:
@@ -249,16 +253,17 @@ def to_estimates(estimator: Estimator[Any], log: Log, rows: Row) -> Estimates:
     def host(tree: Mapping[str, Any]) -> dict[str, NDArray[np.float64]]:
         return {k: np.asarray(v, dtype=np.float64) for k, v in tree.items()}
 
-    refused = (np.asarray(rows.gate) == Gate.REJECTED).sum(axis=0)
+    told = rows.heard
+    refused = (np.asarray(told.gate) == Gate.REJECTED).sum(axis=0)
     return Estimates(
         time=log.time,
         values=host(rows.estimate.values),
         std=host(rows.estimate.std),
         validity=np.asarray(rows.estimate.validity, dtype=np.int8),
         sensors=tuple(estimator.sensors),
-        innovation=np.asarray(rows.innovation, dtype=np.float64),
-        innovation_std=np.asarray(rows.innovation_std, dtype=np.float64),
-        nis=np.asarray(rows.nis, dtype=np.float64),
+        innovation=np.asarray(told.innovation, dtype=np.float64),
+        innovation_std=np.asarray(told.innovation_std, dtype=np.float64),
+        nis=np.asarray(told.nis, dtype=np.float64),
         metadata={
             "estimator": estimator.name,
             "roadstate": __version__,

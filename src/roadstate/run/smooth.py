@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, NamedTuple, cast
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -18,42 +17,41 @@ from roadstate.core.kernel import one_kernel
 from roadstate.core.numerics import jit_loop
 from roadstate.core.packing import Layout
 from roadstate.estimators import all_estimators
-from roadstate.estimators.base import Estimator, Smoothable
+from roadstate.estimators.base import Estimate, Estimator, Sample, Smoothable
 from roadstate.filters.base import FilterState, Moved
 from roadstate.filters.smoother import Recorded, Recorder, look_back
-from roadstate.run.chunk import Row, advance, cut, inputs, start, steps_through, to_estimates
+from roadstate.run.chunk import Heard, Row, cut, heard, inputs, start, to_estimates
 
 _CHUNK = 512
 """Samples whose states are held at once. Of the rest only one in so many is kept, and filtered anew from
 there: so the memory grows with the larger of the two numbers, not with their product."""
 
 
-class _Ahead(NamedTuple):
-    """What going back takes from the sample after.
-
-    Attributes:
-        gaussian: its state given all samples.
-        moved: the step that led there.
-        exists: whether there is such a sample.
-    """
-
-    gaussian: Gaussian
-    moved: Moved
-    exists: Bool[Array, ""]
-
-
 class _Behind(NamedTuple):
     """What filtering leaves at a sample for going back.
 
     Attributes:
-        state: the estimator's.
-        row: what the filter told, without an estimate.
         moved: the step that led here.
+        heard: what came of the samples.
     """
 
-    state: Any
-    row: Row
     moved: Moved
+    heard: Heard
+
+
+class _Ahead(NamedTuple):
+    """What going back takes from the sample after.
+
+    Attributes:
+        mean, factor: its state given all samples.
+        moved: the step that led there.
+        exists: whether there is such a sample.
+    """
+
+    mean: Float[Array, " n"]
+    factor: Float[Array, "n n"]
+    moved: Moved
+    exists: Bool[Array, ""]
 
 
 def smoothable(estimator: Estimator[Any] | type[Estimator[Any]]) -> Smoothable:
@@ -99,110 +97,115 @@ def smooth(
         if progress is not None:
             progress(min(chunks * _CHUNK, 2 * total) * len(log) // (2 * total), len(log))
 
-    chunks = [cut(samples, dt, begin, _CHUNK) for begin in begins]
-    forth = steps_through(total)
+    def forth(state: dict[str, Array], begin: int) -> tuple[dict[str, Array], dict[str, Array], _Behind]:
+        return _forth(estimator, layout, state, *map(jnp.asarray, cut(samples, dt, begin, _CHUNK)))
+
     states = [state]
-    for i, chunk in enumerate(chunks[:-1]):
-        values, steps = map(jnp.asarray, chunk)
-        state_after, _ = forth(estimator, layout, states[-1], values, steps, jnp.asarray(_CHUNK), _nothing)
-        states.append(state_after)
+    for i, begin in enumerate(begins[:-1]):
+        states.append(forth(states[-1], begin)[0])
         tell(i + 1)
-    ahead = _beyond(estimator, layout, state)
+    ahead: _Ahead | None = None
     parts: list[Any] = []
     for i in reversed(range(len(begins))):
         left = total - begins[i]
+        _, passed, behind = forth(states.pop(), begins[i])
         exists = jnp.arange(_CHUNK) < left
-        values, steps = map(jnp.asarray, chunks[i])
-        ahead, told, layouts = _back(estimator, layout, states.pop(), ahead, values, steps, exists)
-        kept = [{k: np.asarray(v)[:left] for k, v in packed.items()} for packed in told]
-        parts.append([form.unpack(packed) for form, packed in zip(layouts, kept, strict=True)])
+        later = _beyond(behind) if ahead is None else ahead
+        ahead, estimates = _back(estimator, layout, later, passed, behind.moved, exists)
+        parts.append(jax.tree.map(lambda a, left=left: np.asarray(a)[:left], (behind.heard, estimates)))
         tell(2 * len(begins) - i)
     parts.reverse()
-    rows, estimates = jax.tree.map(lambda *a: np.concatenate(a)[own], *parts)
-    whole = to_estimates(estimator, log, rows._replace(estimate=estimates))
+    every, estimates = jax.tree.map(lambda *a: np.concatenate(a)[own], *parts)
+    whole = to_estimates(estimator, log, Row(estimates, every))
     names = [name for name in where.quantities if name in whole.values]
     return replace(whole, metadata={**whole.metadata, "smoothed": names})
 
 
-def _recorded(estimator: Estimator[Any], state: Any, sample: Any, dt: Any) -> _Behind:
+def _recorded(
+    estimator: Estimator[Any], state: Any, sample: Sample, dt: Float[Array, ""]
+) -> tuple[Any, _Behind]:
     """One step, with what the filter made of it."""
     where = smoothable(estimator)
     recorder: Any = Recorder(getattr(estimator, where.filter))
     before: FilterState = getattr(state, where.state)
     state = state._replace(**{where.state: Recorded(before.gaussian, before.rejected, None)})
-    state, row = advance(replace(estimator, **{where.filter: recorder}), state, sample, dt)
+    state, info = replace(estimator, **{where.filter: recorder}).step(state, sample, dt)
     after: Recorded = getattr(state, where.state)
     plain = FilterState(after.gaussian, after.rejected)
-    untold: Any = None
-    return _Behind(
-        state._replace(**{where.state: plain}), row._replace(estimate=untold), cast(Moved, after.moved)
-    )
+    return state._replace(**{where.state: plain}), _Behind(cast(Moved, after.moved), heard(info))
 
 
-def _samples(estimator: Estimator[Any], values: Float[Array, " c"]) -> dict[str, Float[Array, ""]]:
-    return {c: values[i] for i, c in enumerate(estimator.channels)}
-
-
-def _nothing(estimator: Estimator[Any], state: Any, info: Any) -> None:
-    """What the way forth keeps of a step: its state after a chunk is all."""
-
-
-def _smooth_chunk(
+def _go_forth(
     estimator: Estimator[Any],
     layout: Layout,
-    state: Any,
-    ahead: _Ahead,
+    packed: dict[str, Array],
     samples: Float[Array, "k c"],
     dt: Float[Array, " k"],
-    exists: Bool[Array, " k"],
-) -> tuple[_Ahead, tuple[Any, Any], tuple[Layout, Layout]]:
-    """Filter a chunk and go back over it.
+) -> tuple[dict[str, Array], dict[str, Array], _Behind]:
+    """Filter a chunk.
 
     Returns:
-        What the chunk before takes; rows and estimates, packed; how these unpack.
+        The packed state after it; that after each sample; what else going back takes.
+    """
+    told: Layout
+
+    @one_kernel
+    def step(estimator: Estimator[Any], packed: Any, values: Any, dt: Any) -> tuple[Any, Any]:
+        nonlocal told
+        sample = {c: values[i] for i, c in enumerate(estimator.channels)}
+        state, behind = _recorded(estimator, layout.unpack(packed), sample, dt)
+        told = Layout(behind)
+        return layout.pack(state), told.pack(behind)
+
+    def along(packed: Any, row: Any) -> tuple[Any, Any]:
+        state, behind = step(estimator, packed, *row)
+        return state, (state, behind)
+
+    packed, (states, behind) = jax.lax.scan(along, packed, (samples, dt))
+    return packed, states, told.unpack(behind)
+
+
+def _go_back(
+    estimator: Estimator[Any],
+    layout: Layout,
+    ahead: _Ahead,
+    states: dict[str, Array],
+    moved: Moved,
+    exists: Bool[Array, " k"],
+) -> tuple[_Ahead, Estimate]:
+    """Over a chunk that was filtered.
+
+    Returns:
+        What the chunk before takes; the estimates.
     """
     where = smoothable(estimator)
-    layouts: dict[str, Layout] = {}
+    told: Layout
 
     @one_kernel
-    def forth(estimator: Estimator[Any], packed: Any, values: Any, step: Any) -> tuple[Any, Any]:
-        behind = _recorded(estimator, layout.unpack(packed), _samples(estimator, values), step)
-        layouts["behind"], layouts["row"] = Layout(behind), Layout(behind.row)
-        return layout.pack(behind.state), layouts["behind"].pack(behind)
-
-    @one_kernel
-    def back(estimator: Estimator[Any], ahead: _Ahead, packed: Any, real: Any) -> tuple[_Ahead, Any]:
-        state, told, moved = layouts["behind"].unpack(packed)
-        held = getattr(state, where.state)
+    def back(estimator: Estimator[Any], ahead: _Ahead, packed: Any, moved: Moved, real: Any) -> Any:
+        nonlocal told
+        state = layout.unpack(packed)
+        held: FilterState = getattr(state, where.state)
         smoothed = jax.tree.map(
             lambda a, b: jnp.where(ahead.exists, a, b),
-            look_back(held.gaussian, ahead.moved, ahead.gaussian),
+            look_back(held.gaussian, ahead.moved, Gaussian(ahead.mean, ahead.factor)),
             held.gaussian,
         )
-        state = state._replace(**{where.state: held._replace(gaussian=smoothed)})
-        estimate = estimator.estimate(state)
-        layouts["estimate"] = Layout(estimate)
-        out = layouts["row"].pack(told), layouts["estimate"].pack(estimate)
-        return _Ahead(smoothed, moved, real), out
+        estimate = estimator.estimate(state._replace(**{where.state: held._replace(gaussian=smoothed)}))
+        told = Layout(estimate)
+        return _Ahead(smoothed.mean, smoothed.factor, moved, real), told.pack(estimate)
 
-    _, left = jax.lax.scan(lambda s, row: forth(estimator, s, *row), state, (samples, dt))
-    ahead, told = jax.lax.scan(lambda a, row: back(estimator, a, *row), ahead, (left, exists), reverse=True)
-    return ahead, told, (layouts["row"], layouts["estimate"])
+    rows = states, moved, exists
+    ahead, packed = jax.lax.scan(lambda a, row: back(estimator, a, *row), ahead, rows, reverse=True)
+    return ahead, told.unpack(packed)
 
 
-@eqx.filter_jit
-def _beyond(estimator: Estimator[Any], layout: Layout, state: Any) -> _Ahead:
-    """In place of a sample after the last. Compiled, for what it costs is to trace a step, once."""
-    where = smoothable(estimator)
-
-    def shapes(packed: Any) -> _Ahead:
-        before = layout.unpack(packed)
-        missing = _samples(estimator, jnp.full(len(estimator.channels), jnp.nan))
-        after = _recorded(estimator, before, missing, jnp.zeros(()))
-        return _Ahead(getattr(before, where.state).gaussian, after.moved, jnp.asarray(False))
-
-    empty: _Ahead = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(shapes, state))
-    return empty
+_forth = jit_loop(_go_forth, whole=False, results=(_Behind, Moved, Heard))
+_back = jit_loop(_go_back, whole=False, results=(_Ahead, Moved, Estimate))
 
 
-_back = jit_loop(_smooth_chunk, whole=False)
+def _beyond(last: _Behind) -> _Ahead:
+    """In place of a sample after the last."""
+    n = last.moved.mean.shape[1]
+    none: Moved = jax.tree.map(lambda a: jnp.zeros(a.shape[1:], a.dtype), last.moved)
+    return _Ahead(none.mean, jnp.zeros((n, n), none.mean.dtype), none, jnp.asarray(False))

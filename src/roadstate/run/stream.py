@@ -21,7 +21,7 @@ from roadstate.core.kernel import one_kernel
 from roadstate.core.numerics import loop_options
 from roadstate.core.packing import Layout
 from roadstate.estimators.base import Estimate, Estimator
-from roadstate.run.chunk import advance, start, through
+from roadstate.run.chunk import start, through
 from roadstate.run.saved import Saved, load, save
 
 
@@ -60,8 +60,8 @@ def _program(static: Any, layout: Layout, structure: Any) -> Program:
     def step(leaves: list[Any], state: dict[str, Any], row: Any) -> tuple[dict[str, Any], Estimate]:
         estimator = eqx.combine(jax.tree.unflatten(structure, leaves), static)
         sample = {c: row[i] for i, c in enumerate(estimator.channels, 1)}
-        new, out = advance(estimator, layout.unpack(state), sample, row[0])
-        return layout.pack(new), out.estimate
+        new, _ = estimator.step(layout.unpack(state), sample, row[0])
+        return layout.pack(new), estimator.estimate(new)
 
     program: Program = jax.jit(one_kernel(step), compiler_options=loop_options())
     return program
