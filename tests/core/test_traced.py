@@ -13,7 +13,7 @@ import pytest
 from roadstate.core import Estimates, Log, traced
 from roadstate.core.numerics import jit_loop
 from roadstate.estimators import build
-from roadstate.estimators.base import Estimate, Estimator
+from roadstate.estimators.base import Estimator
 from roadstate.estimators.kmbe import KMBE
 from roadstate.run import chunk, scan
 from roadstate.vehicles import load_vehicle
@@ -41,7 +41,7 @@ def log() -> Log:
 def anew(monkeypatch: pytest.MonkeyPatch) -> None:
     """As in a process that has not run anything yet."""
     apart = partial(chunk.scan_steps, apart=True)
-    monkeypatch.setattr(chunk, "_APART", jit_loop(apart, whole=False, results=(chunk.Row, chunk.Heard, Estimate)))
+    monkeypatch.setattr(chunk, "_APART", jit_loop(apart, whole=False, results=chunk._RESULTS))
 
 
 def kept(folder: Path) -> list[Path]:

@@ -152,8 +152,9 @@ does to one of the many small loops in a step it does within all that is around 
 third longer.
 """
 
-_WHOLE = jit_loop(scan_steps, results=(Row, Heard, Estimate))
-_APART = jit_loop(partial(scan_steps, apart=True), whole=False, results=(Row, Heard, Estimate))
+_RESULTS = (Row, Heard, Estimate)
+_WHOLE = jit_loop(scan_steps, results=_RESULTS)
+_APART = jit_loop(partial(scan_steps, apart=True), whole=False, results=_RESULTS)
 
 
 def steps_through(total: int) -> Callable[..., Any]:
