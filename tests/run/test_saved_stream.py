@@ -151,7 +151,7 @@ class TestDamage:
             {"values": np.zeros((4, 1))},
             {"state_float64": np.zeros((4, 2))},
             {"state_float64": np.zeros((5, 1), ">f8")},
-            {"state_int32": None},
+            {"state_float64": None},
             {"counts": np.array([1, 2])},
             {"counts": np.full(5, -1)},
             {"header": np.frombuffer(b"[]", np.uint8)},

@@ -20,7 +20,7 @@ from roadstate.core import InputError
 from roadstate.core.tabular import atomic_path
 from roadstate.estimators.base import Estimator
 
-_FORMAT = 1
+_FORMAT = 2
 _LONGEST_HEADER = 1 << 20
 _NOT_ONE = "not a saved stream, or a damaged one"
 _AGAIN = "save it again from a running stream"
