@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -10,6 +10,24 @@ import numpy as np
 from jaxtyping import Array
 
 from roadstate.core.kernel import once
+
+
+class _Slot(NamedTuple):
+    """A leaf's place.
+
+    Attributes:
+        kind: which vector.
+        start, stop: from where to where there.
+        shape, dtype: the leaf's.
+        is_bits: whether it goes there bit by bit.
+    """
+
+    kind: str
+    start: int
+    stop: int
+    shape: tuple[int, ...]
+    dtype: str
+    is_bits: bool
 
 
 class Layout:
@@ -25,33 +43,39 @@ class Layout:
 
     def __init__(self, tree: Any) -> None:
         leaves, self._treedef = jax.tree.flatten(tree)
-        self._slots: list[tuple[str, int, tuple[int, ...], str]] = []
+        self._slots: list[_Slot] = []
         self._sizes: dict[str, int] = {}
         for leaf in leaves:
-            dtype, size = str(jnp.result_type(leaf)), int(np.prod(jnp.shape(leaf)))
-            kind = str(jnp.result_type(float)) if _is_whole(dtype) else dtype
+            dtype, shape = str(jnp.result_type(leaf)), jnp.shape(leaf)
+            is_whole = jnp.issubdtype(dtype, jnp.integer) or jnp.issubdtype(dtype, jnp.bool_)
+            kind = str(jnp.result_type(float)) if is_whole else dtype
             start = self._sizes.get(kind, 0)
-            self._slots.append((kind, start, jnp.shape(leaf), dtype))
-            self._sizes[kind] = start + size
+            stop = self._sizes[kind] = start + int(np.prod(shape))
+            self._slots.append(_Slot(kind, start, stop, shape, dtype, bool(is_whole)))
 
     def pack(self, tree: Any) -> dict[str, Any]:
         """Dtype name → (size,) vector of the leaves that go with that dtype."""
         parts: dict[str, list[Any]] = {kind: [] for kind in self._sizes}
         # computed before they are joined: else each number of the joint vector asks which of them it is
         leaves = once([jnp.ravel(leaf) for leaf in jax.tree.leaves(tree)])
-        for (kind, _, _, dtype), leaf in zip(self._slots, leaves, strict=True):
-            parts[kind].append(_as_bits(leaf) if _is_whole(dtype) else leaf)
+        for slot, leaf in zip(self._slots, leaves, strict=True):
+            parts[slot.kind].append(_as_bits(leaf) if slot.is_bits else leaf)
         # of that dtype, not of one that gives way: to a compiled program these are two
         return {kind: jnp.concatenate(vectors).astype(kind) for kind, vectors in parts.items()}
 
     def unpack(self, packed: dict[str, Any]) -> Any:
-        """The pytree; leading axes of the vectors (a scan's time) stay in front of each leaf."""
+        """The pytree; leading axes of the vectors (a scan's time) stay in front of each leaf.
+
+        Of NumPy's arrays it is made of NumPy's.
+        """
         leaves = []
-        for kind, start, shape, dtype in self._slots:
+        for kind, start, stop, shape, dtype, is_bits in self._slots:
             vector = packed[kind]
-            part = vector[..., start : start + int(np.prod(shape))]
-            part = _from_bits(part, dtype) if _is_whole(dtype) else part
-            leaves.append(part.reshape(vector.shape[:-1] + shape))
+            if shape or not isinstance(vector, np.ndarray):
+                part = vector[..., start:stop].reshape(vector.shape[:-1] + shape)
+            else:  # a stream waits for it
+                part = vector[..., start]
+            leaves.append(_from_bits(part, dtype) if is_bits else part)
         return jax.tree.unflatten(self._treedef, leaves)
 
     def __eq__(self, other: object) -> bool:
@@ -66,15 +90,12 @@ class Layout:
         return hash((tuple(self._slots), self._treedef))
 
 
-def _is_whole(dtype: str) -> bool:
-    """Whether of integers or truth values; not of floating-point numbers, nor of random keys."""
-    return bool(jnp.issubdtype(dtype, jnp.integer) or jnp.issubdtype(dtype, jnp.bool_))
-
-
 def _as_bits(leaf: Array) -> Array:
     """Whole numbers as the floating-point numbers that have their bits."""
     return jax.lax.bitcast_convert_type(leaf.astype(jnp.result_type(int)), jnp.result_type(float))
 
 
-def _from_bits(part: Array, dtype: str) -> Array:
+def _from_bits(part: Any, dtype: str) -> Any:
+    if isinstance(part, np.ndarray):
+        return part.view(f"i{part.itemsize}").astype(dtype)
     return jax.lax.bitcast_convert_type(part, jnp.result_type(int)).astype(dtype)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections import Counter, deque
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from enum import IntEnum
 from functools import lru_cache
 from itertools import islice
@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import numpy as np
+from numpy.typing import NDArray
 
 from roadstate.core import InputError, channel
 from roadstate.core.kernel import one_kernel
@@ -46,25 +47,39 @@ class Step(NamedTuple):
     state: dict[str, Any]
 
 
-Program = Callable[[list[Any], dict[str, Any], Any], tuple[dict[str, Any], Estimate]]
-
-
-@lru_cache(maxsize=64)
-def _program(static: Any, layout: Layout, structure: Any) -> Program:
+class _Program:
     """The compiled step of all estimators built alike.
 
-    Looked up once for a stream: as static arguments these would be hashed and compared at each sample. The
-    sample comes as one vector, Δt first, since every array handed over costs microseconds.
+    Parameters, state, sample (Δt first) and estimate go in and out as one vector per dtype, since every array
+    handed over costs microseconds.
+
+    Args:
+        static: what of the estimator is no array.
+        given: layout of what is.
+        layout: of the state.
     """
 
-    def step(leaves: list[Any], state: dict[str, Any], row: Any) -> tuple[dict[str, Any], Estimate]:
-        estimator = eqx.combine(jax.tree.unflatten(structure, leaves), static)
-        sample = {c: row[i] for i, c in enumerate(estimator.channels, 1)}
-        new, _ = estimator.step(layout.unpack(state), sample, row[0])
-        return layout.pack(new), estimator.estimate(new)
+    _told: Layout
 
-    program: Program = jax.jit(one_kernel(step), compiler_options=loop_options())
-    return program
+    def __init__(self, static: Any, given: Layout, layout: Layout) -> None:
+        def step(packed: dict[str, Any], state: dict[str, Any], row: Any) -> tuple[dict[str, Any], Any]:
+            estimator = eqx.combine(given.unpack(packed), static)
+            sample = {c: row[i] for i, c in enumerate(estimator.channels, 1)}
+            new, _ = estimator.step(layout.unpack(state), sample, row[0])
+            estimate = estimator.estimate(new)
+            self._told = Layout(estimate)
+            return layout.pack(new), self._told.pack(estimate)
+
+        self._step = jax.jit(one_kernel(step), compiler_options=loop_options())
+
+    def __call__(
+        self, packed: dict[str, Any], state: dict[str, Any], row: NDArray[np.float64]
+    ) -> tuple[dict[str, Any], Estimate]:
+        state, estimate = self._step(packed, state, row)
+        return state, self._told.unpack({kind: np.asarray(vector) for kind, vector in estimate.items()})
+
+
+_program = lru_cache(maxsize=64)(_Program)
 
 
 @eqx.filter_jit
@@ -106,9 +121,9 @@ class Stream:
             raise InputError(f"a capacity of {capacity} samples", mend="give 1 or more")
         self._estimator, self._window, self._capacity = estimator, window, capacity
         params, static = eqx.partition(estimator, eqx.is_array)
-        self._leaves, structure = jax.tree.flatten(params)
         packed, self._layout = start(estimator)
-        self._step = _program(static, self._layout, structure)
+        given = Layout(params)
+        self._parameters, self._step = given.pack(params), _program(static, given, self._layout)
         self._known = set(estimator.channels)  # names that have been looked up, since that takes longer
         self._base = Step(nan, [], packed)
         self._steps: deque[Step] = deque()
@@ -255,8 +270,8 @@ class Stream:
         state, *steps = before.state, *through(0.0 if isnan(before.time) else time - before.time)
         missing = [nan] * len(values)
         for dt in steps[:-1]:
-            state, _ = self._step(self._leaves, state, np.array([dt, *missing]))
-        state, estimate = self._step(self._leaves, state, np.array([steps[-1], *values]))
+            state, _ = self._step(self._parameters, state, np.array([dt, *missing]))
+        state, estimate = self._step(self._parameters, state, np.array([steps[-1], *values]))
         return Step(time, values, state), estimate
 
     def _rewind(self, time: float, values: list[float]) -> Arrival:
