@@ -74,9 +74,15 @@ class _Program:
 
     def __call__(
         self, packed: dict[str, Any], state: dict[str, Any], row: NDArray[np.float64]
-    ) -> tuple[dict[str, Any], Estimate]:
-        state, estimate = self._step(packed, state, row)
-        return state, self._told.unpack({kind: np.asarray(vector) for kind, vector in estimate.items()})
+    ) -> tuple[dict[str, Any], dict[str, Any]]:
+        """The packed state after a sample, and the packed estimate."""
+        result: tuple[dict[str, Any], dict[str, Any]] = self._step(packed, state, row)
+        return result
+
+    def read(self, packed: dict[str, Any]) -> Estimate:
+        """An estimate that a step told, in NumPy's numbers."""
+        estimate: Estimate = self._told.unpack({kind: np.asarray(v) for kind, v in packed.items()})
+        return estimate
 
 
 _program = lru_cache(maxsize=64)(_Program)
@@ -186,7 +192,8 @@ class Stream:
         if not isfinite(time):
             raise InputError(f"sample at {time} s", mend="give a finite time in s")
         if newest is None or time > newest:
-            step, self._estimate = self._advance(self._head, time, values)
+            step, told = self._advance(self._head, time, values)
+            self._estimate = self._step.read(told)
             self._steps.append(step)
             self._forget()
             arrival = Arrival.NEW
@@ -266,13 +273,13 @@ class Stream:
             wrong = next(c for c in channels if not _is_number(sample.get(c, nan)))
             raise InputError(f"{sample[wrong]!r} is no number", where=wrong, mend="leave it out") from error
 
-    def _advance(self, before: Step, time: float, values: list[float]) -> tuple[Step, Estimate]:
+    def _advance(self, before: Step, time: float, values: list[float]) -> tuple[Step, dict[str, Any]]:
         state, *steps = before.state, *through(0.0 if isnan(before.time) else time - before.time)
         missing = [nan] * len(values)
         for dt in steps[:-1]:
             state, _ = self._step(self._parameters, state, np.array([dt, *missing]))
-        state, estimate = self._step(self._parameters, state, np.array([steps[-1], *values]))
-        return Step(time, values, state), estimate
+        state, told = self._step(self._parameters, state, np.array([steps[-1], *values]))
+        return Step(time, values, state), told
 
     def _rewind(self, time: float, values: list[float]) -> Arrival:
         """Put a sample in its place, and do again what came after it."""
@@ -285,13 +292,13 @@ class Stream:
             values = [b if isfinite(b) else a for a, b in zip(old, values, strict=True)]
             if np.array_equal(old, values, equal_nan=True):
                 return arrival
-        estimate = self._estimate
+        told: dict[str, Any] = {}
         redone = [self._steps[place - 1] if place else self._base]
         for at, what in [(time, values), *((step.time, step.values) for step in rest)]:
-            step, estimate = self._advance(redone[-1], at, what)
+            step, told = self._advance(redone[-1], at, what)
             redone.append(step)
         self._steps = deque([*islice(self._steps, place), *redone[1:]])
-        self._estimate = estimate
+        self._estimate = self._step.read(told)
         self.replaced += replaced
         self._forget()
         return arrival
