@@ -72,8 +72,10 @@ def validity_of(
     validity = jnp.where(jnp.any(faults), int(Validity.SENSOR_FAULT), validity)
     if "attitude" in joint.sensors:
         oldest = jnp.maximum(oldest, state.pitch.gyro.rate.age)
-    silent = jnp.maximum(oldest, state.speed_age) > _SILENT
-    silent = silent | jnp.any(faults[: len(joint.channels)])
+    # a frozen channel counts as missing in all that follows, but it is there
+    is_silent, _, is_frozen = faults[: 3 * len(joint.channels)].reshape(3, -1)
+    silent = (jnp.maximum(oldest, state.speed_age) > _SILENT) & ~jnp.any(is_frozen)
+    silent = silent | jnp.any(is_silent)
     validity = jnp.where(silent, int(Validity.SENSOR_MISSING), validity)
     return jnp.where(ok, validity, int(Validity.DIVERGED))
 
