@@ -113,9 +113,11 @@ def _check_gravity(signal: Signal, unit: str) -> None:
     if len(good) < _FEWEST:
         return
     middle = abs(float(np.median(good)))  # not of magnitudes: shaking alone, gravity removed, has none
+    if _is_gravity(middle):
+        return
     raw = middle / _in_si("accel_z", unit)
     likely = next((u for u in ("g", "m/s^2") if _is_gravity(raw * _in_si("accel_z", u))), None)
-    if likely is None or _is_gravity(middle):
+    if likely is None:
         return
     raise InputError(
         f"the median is {middle:.3g} m/s^2, where gravity alone makes {GRAVITY:.2f}",

@@ -38,7 +38,8 @@ def check_speed_unit(signals: Mapping[str, Signal], units: Mapping[str, str], wh
         return
     speed = signals["speed"]
     ratios = np.concatenate([_quartiles(speed, signals[wheel], wheel_radius) for wheel in wheels])
-    if not len(ratios):
+    # no factor that is surely one brings such a ratio to what is like 1; nor need units be read then
+    if not len(ratios) or (np.abs(np.log(ratios)) < np.log(_SURE / _LIKE)).any():
         return
 
     def explains(factor: float) -> bool:
