@@ -112,6 +112,7 @@ def timed(argv: Sequence[str], cache: Path) -> End:
         RuntimeError: it failed.
     """
     environment = {**os.environ, "ROADSTATE_CACHE": str(cache)}
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)  # no user's Python compiles its sources at each start
     with tempfile.TemporaryFile() as out:
         begin = time.perf_counter()
         child = subprocess.Popen(argv, stdout=out, env=environment)
@@ -135,8 +136,8 @@ def measure(folder: Path, runs: int) -> list[Row]:
     short = write(hour.between(0.0, 60.0), folder / "minute.csv")
     warm = folder / "warm"
 
-    def estimate(log: Path, cache: Path, names: Sequence[str]) -> End:
-        words = ["estimate", str(log), "--vehicle", VEHICLE, "--out", str(folder / "out")]
+    def estimate(log: Path, cache: Path, names: Sequence[str], *more: str) -> End:
+        words = ["estimate", str(log), "--vehicle", VEHICLE, "--out", str(folder / "out"), *more]
         return timed([*command, *words, *(f"--estimator={name}" for name in names)], cache)
 
     def alone(name: str) -> End:
@@ -146,11 +147,13 @@ def measure(folder: Path, runs: int) -> list[Row]:
 
     helps = [timed([*command, "--help"], warm) for _ in range(runs)]
     rows = [Row.of("`roadstate --help`", helps, 0.5)]
-    for names, budgets in ((_SIMPLE, (3.0, 1.5)), (("joint",), (None, None))):
-        told = f"`estimate` ({', '.join(names)}), 60 s at 100 Hz"
-        estimate(short, warm, names)  # fills the cache, and the operating system's
-        first = [estimate(short, folder / f"empty-{names[0]}-{i}", names) for i in range(runs)]
-        again = [estimate(short, warm, names) for _ in range(runs)]
+    none, joint = (None, None), ("joint",)
+    for names, more, budgets in ((_SIMPLE, (), (3.0, 1.5)), (joint, (), none), (joint, ("--smooth",), none)):
+        told = f"`estimate` ({', '.join((*names, *more))}), 60 s at 100 Hz"
+        estimate(short, warm, names, *more)  # fills the cache, and the operating system's
+        caches = [folder / f"empty-{names[0]}{len(more)}-{i}" for i in range(runs)]
+        first = [estimate(short, cache, names, *more) for cache in caches]
+        again = [estimate(short, warm, names, *more) for _ in range(runs)]
         rows.append(Row.of(f"{told}, first time", first, budgets[0]))
         rows.append(Row.of(f"{told}, warm cache", again, budgets[1]))
     for name in (*_SIMPLE, "joint"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import subprocess
 import sys
 import types
 from pathlib import Path
@@ -219,3 +220,19 @@ def test_names_are_exported_lazily() -> None:
     assert isinstance(all_formats()[0], Format)
     with pytest.raises(AttributeError, match="has no attribute 'nothing'"):
         _ = roadstate.io.nothing
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_a_log_in_si_units_loads_neither_pandas_nor_the_unit_library(suffix: str, tmp_path: Path) -> None:
+    """Half a second of whoever waits for a short log."""
+    speed = 10 + np.arange(300) / 100
+    channels = {"speed": speed.copy(), "wheel_speed_rl": speed / 0.3, "accel_z": np.full(300, 9.81)}
+    channels["speed"][7] = np.nan
+    path = write(Log(np.arange(300) / 100, channels), tmp_path / f"a{suffix}")
+    program = (
+        "import sys; from roadstate.io import read; from roadstate.io.mapping import DEFAULT_MAPPING; "
+        "log = DEFAULT_MAPPING.apply(read(sys.argv[1]), wheel_radius=0.3).resample(); "
+        "print(len(log), sorted(log.channels), sorted({'pandas', 'pint'} & set(sys.modules)))"
+    )
+    end = subprocess.run([sys.executable, "-c", program, path], capture_output=True, text=True, check=True)
+    assert end.stdout.strip() == f"300 {sorted(channels)} []"

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -176,24 +174,3 @@ def test_damaged_bytes_read_or_are_refused(tmp_path: Path) -> None:
         except InputError:
             refused += 1
     assert refused > 10
-
-
-def test_a_log_in_si_units_loads_neither_pandas_nor_the_unit_library(tmp_path: Path) -> None:
-    """Half a second of whoever waits for a short log."""
-    time = np.arange(300) / 100
-    speed = 10 + time
-    channels = {
-        "speed": speed,
-        "wheel_speed_rl": speed / 0.3,
-        "accel_x": 0 * time,
-        "accel_z": 9.81 + 0 * time,
-    }
-    write(Log(time, channels), tmp_path / "a.parquet")
-    program = (
-        "import sys; from roadstate.io import read; from roadstate.io.mapping import DEFAULT_MAPPING; "
-        "log = DEFAULT_MAPPING.apply(read(sys.argv[1]), wheel_radius=0.3).resample(); "
-        "print(len(log), sorted(log.channels), sorted({'pandas', 'pint'} & set(sys.modules)))"
-    )
-    words = [sys.executable, "-c", program, str(tmp_path / "a.parquet")]
-    end = subprocess.run(words, capture_output=True, text=True, check=True)
-    assert end.stdout.strip() == f"300 {sorted(channels)} []"

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roadstate.core import CHANNELS, InputError, Log, Recording, Signal
-from roadstate.core.tabular import atomic_path
+from roadstate.core.tabular import atomic_path, from_arrow
 from roadstate.io.csv_layout import MISSING, NUMBER, Layout, decode_text, lines, read_layout
 from roadstate.io.formats import Format, ReadOptions
 from roadstate.io.time_column import seconds
@@ -162,19 +162,6 @@ def _uneven_row(data: bytes, layout: Layout) -> str | None:
     return None
 
 
-def _to_numpy(column: Any) -> NDArray[Any]:
-    """A numeric column, NaN where a cell is missing; whole numbers stay whole where none is (time in ns).
-
-    Through DLPack: Arrow's own way imports pandas where that is installed, a fifth of a second for nothing.
-    """
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
-    if column.null_count:
-        column = pc.fill_null(column.cast(pa.float64(), safe=False), float("nan"))
-    return np.asarray(np.from_dlpack(column.combine_chunks()))
-
-
 class _Columns:
     """Turns parsed columns into numbers, and finds the line to blame where one cannot be."""
 
@@ -189,11 +176,11 @@ class _Columns:
         if pa.types.is_null(kind):
             return np.full(len(column), np.nan)
         if pa.types.is_integer(kind) or pa.types.is_floating(kind):
-            return _to_numpy(column)
+            return from_arrow(column)
         if pa.types.is_boolean(kind):
-            return _to_numpy(column.cast(pa.int8()))
+            return from_arrow(column.cast(pa.int8()))
         if pa.types.is_timestamp(kind):
-            return np.asarray(column.to_numpy()) if is_time else None
+            return from_arrow(column) if is_time else None
         if pa.types.is_string(kind) or pa.types.is_binary(kind):
             return self._from_text(index, column)
         return None
