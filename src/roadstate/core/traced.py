@@ -87,7 +87,7 @@ def recalled(
 
 
 def _arrays(*arguments: PyTree) -> list[Any]:
-    return jax.tree.leaves(eqx.filter(arguments, eqx.is_array))
+    return [leaf for leaf in jax.tree.leaves(arguments) if eqx.is_array(leaf)]
 
 
 @cache
