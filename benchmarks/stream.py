@@ -46,8 +46,8 @@ percentile, on one core.
 def recorded() -> Log:
     """A double lane change, with all channels of production sensors."""
     car = load_vehicle(VEHICLE)
-    table = truth_table(drive(multibody_plant(car), manoeuvre("double-lane-change").prepare(car), car))
-    return to_log(measure(table, sensor_preset("automotive"), seed=0, metadata={}))
+    truth = truth_table(drive(multibody_plant(car), manoeuvre("double-lane-change").prepare(car), car))
+    return to_log(measure(truth, sensor_preset("automotive"), seed=0, metadata={}))
 
 
 def in_order(stream: Stream, log: Log, rows: list[dict[str, float]]) -> NDArray[np.float64]:

@@ -49,10 +49,11 @@ def test_packing_is_exact() -> None:
 def test_leading_axes_stay_in_front() -> None:
     layout = Layout(TREE)
     stacked = jax.vmap(layout.pack)(jax.tree.map(lambda x: jnp.stack([x, x, x]), TREE))
-    rows = layout.unpack(stacked)
-    assert rows["matrix"].shape == (3, 2, 3)
-    np.testing.assert_array_equal(rows["matrix"][1], TREE["matrix"])
-    np.testing.assert_array_equal(rows["large"][2], TREE["large"])
+    for rows in (layout.unpack(stacked), layout.unpack({k: np.asarray(v) for k, v in stacked.items()})):
+        assert rows["matrix"].shape == (3, 2, 3)
+        np.testing.assert_array_equal(rows["matrix"][1], TREE["matrix"])
+        np.testing.assert_array_equal(rows["large"][2], TREE["large"])
+        np.testing.assert_array_equal(rows["count"], [7, 7, 7])
 
 
 def test_a_layout_is_known_by_its_shapes_alone() -> None:
