@@ -47,6 +47,9 @@ _LAG_ERROR = 0.015  # s: 1σ of that lag
 _SLIDES = 0.5  # m/s² by which a car on locked wheels slows down at the least
 _VAGUE = 1.0  # m/s: 1σ of a speed that tells nothing of which wheel slips
 _BOUND = 0.07  # of what a wheel bounds the speed by: 1σ of what it slips itself
+# m/s from which on one that anti-lock brakes let go bounds the speed, and 1σ of what it is read as faster by,
+# in s of what it gains on the car
+_LET_GO = (0.1, 0.005)
 # 1σ of forces along and across, low-passed, over g and load, as a share of the lesser of what a rough road
 # shakes the accelerometers by both ways: tires bear more and less as they bounce
 _SHAKEN = (1.05, 3.3)
@@ -217,12 +220,12 @@ class TireContact(eqx.Module):
         free, rolling_speed, sound = self._free(rim, told & (racing < _CALM), forces)
         off = jnp.maximum(jnp.abs(rim - rolling_speed) - _RUNAWAY[0], 0.0)
         away = jnp.where(sound, jnp.where(free, 0.0, jnp.maximum(away, off)), away)
-        beyond = (speed - rim) * jnp.sign(bears)
-        bounds = (beyond > _RUNAWAY[0]) & (jnp.abs(bears) > BEARS) & (spread < ANY)
-        bounds = bounds & (jnp.abs(rim) > DEAD_BAND)
-        # on its way back it may be read as faster than it is
-        swings = jnp.where(let_go & ~vague, _WHEEL_DELAY * apart, 0.0)
-        away = jnp.where(bounds, _BOUND * beyond + swings, away)
+        beyond, released = (speed - rim) * jnp.sign(bears), let_go & ~vague
+        bounds = (beyond > jnp.where(released, _LET_GO[0], _RUNAWAY[0])) & (jnp.abs(bears) > BEARS)
+        bounds = bounds & (spread < ANY) & (jnp.abs(rim) > DEAD_BAND)
+        # which wheel comes how near to the car's speed is not known: a bound, and no measurement
+        nears = jnp.where(released, spread + _LET_GO[1] * apart, 0.0)
+        away = jnp.where(bounds, _BOUND * beyond + nears / _RUNAWAY[1], away)
         doubtful = jnp.where(bounds | begins, 0.0, racing)
         clear = jnp.any(members) | (jnp.max(jnp.where(told, racing, 0.0)) > _CALM)
         unproven = agreement.least_slip(rim, fastest - slowest, clear)
