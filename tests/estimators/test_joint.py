@@ -14,8 +14,7 @@ from roadstate.estimators import build
 from roadstate.estimators.contact_forces import ForceMeter
 from roadstate.estimators.intake import SMOOTHING, SPIN, Signals
 from roadstate.estimators.joint import Joint
-from roadstate.estimators.signals import NEVER
-from roadstate.estimators.tire_contact import ContactState, TireContact
+from roadstate.estimators.tire_contact import TireContact
 from roadstate.papers.base import MISMATCHED
 from roadstate.papers.plants import told
 from roadstate.run import batch, scan
@@ -180,57 +179,6 @@ def test_wheels_under_drive_slip_as_much_as_they_do(vehicle: Vehicle, bigger: fl
         jnp.asarray(accel), jnp.asarray([0.0, jnp.inf]), jnp.zeros((), bool), jnp.asarray(0.01),
     )  # fmt: skip
     np.testing.assert_allclose(np.asarray(touch.slip), 1.02 * (1 + bigger) - 1, atol=3e-4)
-
-
-class TestRims:
-    """Which wheels tell the car's speed: 10 m/s, of which the torques and accelerometer know."""
-
-    def rims(
-        self, vehicle: Vehicle, spin: list[float], gains: list[float], state: ContactState | None = None
-    ) -> tuple[ContactState, np.ndarray]:
-        contact, forces = TireContact(vehicle), ForceMeter(vehicle, ()).nothing()
-        radius, zero = vehicle.wheels.radius, jnp.zeros(8)
-        seen = Signals(
-            value=zero.at[SPIN].set(jnp.asarray(spin) / radius),
-            age=zero,
-            is_fresh=jnp.ones(8, bool),
-            smooth=zero.at[SPIN].set(jnp.asarray(spin) / radius),
-            rate=zero.at[SPIN].set(jnp.asarray(gains) / radius),
-            lag=zero,
-            noise=zero,
-            now=zero,
-            now_rate=zero,
-            shaken=jnp.zeros(2),
-            is_faulty=jnp.zeros(8, bool),
-        )
-        zero = jnp.zeros(())
-        state, _, std = contact.rims(
-            contact.init()._replace(proof=zero + NEVER) if state is None else state,
-            seen, forces, zero, jnp.asarray(10.0), jnp.asarray(0.05), zero, zero,
-            jnp.full(4, 0.01), jnp.asarray(0.01),
-        )  # fmt: skip
-        return state, np.asarray(std)
-
-    def test_a_wheel_that_spins_up_is_mistrusted_before_it_is_far(self, vehicle: Vehicle) -> None:
-        rolls = self.rims(vehicle, [10.0] * 4, [0.0] * 4)[1]
-        spins = self.rims(vehicle, [10.1, 10, 10, 10], [12.0, 0, 0, 0])[1]
-        assert spins[0] > 100 * rolls[0]
-        # only all together can such a small gain be anything but noise
-        all_spin = self.rims(vehicle, [10.05] * 4, [4.0] * 4)[1]
-        assert (all_spin > 50 * rolls).all()
-        assert self.rims(vehicle, [10.05, 10, 10, 10], [4.0, 0, 0, 0])[1][0] == pytest.approx(rolls[0])
-
-    def test_wheels_that_long_agree_are_believed_again(self, vehicle: Vehicle) -> None:
-        state, std = self.rims(vehicle, [14.0] * 4, [0.0] * 4)
-        assert (std > 10).all()
-        for _ in range(150):
-            state, std = self.rims(vehicle, [14.0] * 4, [0.0] * 4, state)
-        assert (std < 0.2).all()
-        # but locked wheels agree as well
-        state, std = self.rims(vehicle, [0.0] * 4, [0.0] * 4)
-        for _ in range(200):
-            state, std = self.rims(vehicle, [0.0] * 4, [0.0] * 4, state)
-        assert (std > 10).all()
 
 
 def test_a_mass_is_read_out_as_the_model_has_it(vehicle: Vehicle) -> None:

@@ -32,8 +32,8 @@ from roadstate.estimators.pitch import Pitching, lean_std
 from roadstate.estimators.shortfall import Shortfall
 from roadstate.estimators.sideways import SLOWEST
 from roadstate.estimators.signals import NEVER, signed, span, way
-from roadstate.estimators.tire_contact import ANY, ContactState, TireContact
 from roadstate.estimators.traction import UNKNOWN
+from roadstate.estimators.wheel_rims import ANY, Motion, Rims, RimState
 from roadstate.linalg import root, rss
 
 if TYPE_CHECKING:
@@ -50,6 +50,7 @@ _AGE = 0.1  # s by which a receiver's rate of climb may be late
 _JITTER = 0.02  # s: 1σ of what its speed is later or earlier than usual
 _LEARNED = ("vertical_speed", "traction", "attitude")  # sensors whose noise is learned
 _RECEIVED = ("latitude", "vertical_speed")  # channels that only a satellite receiver gives
+_UNHEARD = 1.0  # s without a speed, which accelerations alone carry on no further
 _MOVING = 2.0  # m/s from which sensors err as they usually do
 
 
@@ -61,7 +62,7 @@ class AlongIntake(eqx.Module):
         learned: places of those whose noise is learned.
         over_ground: whether the speed signal is a receiver's: level, not along the slope.
         watches_brakes: whether torques tell of the drive, and nothing of brakes.
-        contact: what each wheel tells of the speed.
+        rims: what each wheel tells of the speed.
         learner: of the noise.
         sensor_std: (m,) 1σ of a sample, as the vehicle file says.
         accel_noise: of the longitudinal accelerometer, m/s²/√Hz.
@@ -72,7 +73,7 @@ class AlongIntake(eqx.Module):
     learned: tuple[int, ...] = eqx.field(static=True)
     over_ground: bool = eqx.field(static=True)
     watches_brakes: bool = eqx.field(static=True)
-    contact: TireContact
+    rims: Rims
     learner: NoiseLearner
     sensor_std: Float[Array, " m"]
     accel_noise: Float[Array, ""]
@@ -94,7 +95,7 @@ class AlongIntake(eqx.Module):
         wheel = vehicle.wheels.radius * own.wheel_speed.noise
         self.sensors = sensors
         self.learned = tuple(i for i, sensor in enumerate(sensors) if sensor in _LEARNED)
-        self.contact, self.learner = TireContact(vehicle), NoiseLearner()
+        self.rims, self.learner = Rims(vehicle), NoiseLearner()
         self.sensor_std = jnp.asarray(np.array([noise.get(s, wheel) for s in sensors]))
         self.accel_noise = leaf(own.accel.noise_density)
         self.pitching = leaf(GRAVITY * vehicle.body.pitch_gradient)
@@ -137,6 +138,24 @@ class AlongIntake(eqx.Module):
         found = self.learner.scale(unrest)[self.learned.index(self.sensors.index("traction"))]
         return jnp.minimum(stated, found * jnp.linalg.norm(stated))
 
+    def moving(self, state: JointState, sample: Sample, seen: Signals) -> Float[Array, ""]:
+        """The speed at which air resists the car, and brakes slow or hold it, m/s.
+
+        Before the filter knows of any, what wheels, or else a receiver, say; 0 where none has been heard for
+        so long that the car may stand as well, or roll back, and brakes push either way.
+
+        Args:
+            state: of the whole, before this sample.
+            sample: the channels.
+            seen: signals of this instant.
+        """
+        other = sample["speed"] if "speed" in self.sensors else jnp.zeros(())
+        told = jnp.any(seen.is_fresh[SPIN])
+        first = jnp.where(told, self.rims.mean(seen), jnp.where(jnp.isfinite(other), other, 0.0))
+        known = state.along.gaussian
+        lost = (state.speed_age > _UNHEARD) & (jnp.abs(known.mean[SPEED]) < 2 * known.std[SPEED])
+        return jnp.where(state.speed_age < NEVER, jnp.where(lost, 0.0, known.mean[SPEED]), first)
+
     def read(
         self,
         state: JointState,
@@ -147,7 +166,7 @@ class AlongIntake(eqx.Module):
         dt: Array,
         sign: Array,
         direction: Array,
-    ) -> tuple[ContactState, AlongInput, Float[Array, " m"]]:
+    ) -> tuple[RimState, AlongInput, Float[Array, " m"]]:
         """Input and measurement of the filter.
 
         Args:
@@ -195,18 +214,16 @@ class AlongIntake(eqx.Module):
             smooth_across=forces.accel[1],
             turning=turning,
             pitching=Pitching(jnp.zeros(()), jnp.zeros(())),
-            slip=self.contact.slips(forces.steady, forces.load),
+            slip=self.rims.slips(forces.steady, forces.load),
             sensor_std=jnp.zeros(0),
         )
         parts, stds = [], []
         wheels = [i for i, w in enumerate(WHEEL_SPEEDS) if w in self.sensors]
-        contact = state.contact
+        rims = state.rims
         if wheels:
             gain = accel - x[SLOPE] - jnp.where(by_torque, 0.0, x[BIAS])
-            unsure = state.along.gaussian.std[SLOPE]
-            contact, rim, std = self.contact.rims(
-                contact, seen, forces, turning, speed, spread, gain, unsure, since[SPIN], dt
-            )
+            car = Motion(speed, spread, gain, state.along.gaussian.std[SLOPE], turning)
+            rims, rim, std = self.rims.read(rims, seen, forces, car, since[SPIN], dt)
             rim, std = rim[jnp.asarray(wheels)], std[jnp.asarray(wheels)]
             parts.append(rim)
             stds.append(std)
@@ -248,7 +265,7 @@ class AlongIntake(eqx.Module):
         own = {i: k for k, i in enumerate(self.learned) if self.sensors[i] != "traction"}
         which = [own.get(i, last) for i in range(len(self.sensors))]
         std = std * jnp.append(self.learner.scale(state.unrest), 1.0)[np.array(which)]
-        return contact, u._replace(sensor_std=std), z
+        return rims, u._replace(sensor_std=std), z
 
 
 def _since(age: Array, dt: Array) -> Array:

@@ -48,9 +48,10 @@ from roadstate.estimators.roll import RollMeter, RollState
 from roadstate.estimators.shortfall import Shortfall
 from roadstate.estimators.sideways import BANK, LEVER, V_Y
 from roadstate.estimators.signals import NEVER
-from roadstate.estimators.tire_contact import ContactState
+from roadstate.estimators.tire_contact import ContactState, TireContact
 from roadstate.estimators.watch import Watch, WatchState
 from roadstate.estimators.wheel_forces import WheelSharing
+from roadstate.estimators.wheel_rims import RimState
 from roadstate.filters import EKF, FilterState, GateRule
 from roadstate.filters.base import select
 from roadstate.linalg import root, rss
@@ -69,7 +70,6 @@ _LAGS = 0.1  # s by which the accelerometer may be late when the gyroscope is no
 _TURNS_HARD = 2.0  # m/s² across at which v_y r, without a yaw rate, may be a slope's part
 _PATIENCE = 300  # samples for which a spinning or locked wheel may be refused
 _CONFIRMED = 3.0  # samples of a speed signal, in a row, that wheels confirm and the filter contradicts
-_UNHEARD = 1.0  # s without a speed, which accelerations alone carry on no further
 _ROLLED = 0.2  # s for which wheels that roll freely contradict it, which count as much as one of these
 
 
@@ -77,7 +77,7 @@ class JointState(NamedTuple):
     """State of :class:`Joint`.
 
     Attributes:
-        watch, signals, direction, radii, trust, forces, along, contact, bank, pitch, roll, unrest,
+        watch, signals, direction, radii, trust, forces, rims, along, contact, bank, pitch, roll, unrest,
             shortfall: the parts'.
         speed_age: s since anything told the speed.
         against: samples of the speed signal, in a row, that the wheels confirm and the filter contradicts;
@@ -96,6 +96,7 @@ class JointState(NamedTuple):
     radii: RadiiState
     trust: PlausibilityState
     forces: ForceMeterState
+    rims: RimState
     along: FilterState
     contact: ContactState
     bank: BankState
@@ -134,8 +135,8 @@ class Joint(Estimator[JointState]):
     the prior's, and validity says ``low_excitation``); without torques or altitude, a bias from a slope.
 
     Attributes:
-        watch, signals, direction, radii, trust, forces, along, filter, bank, pitch, roll, inputs, sharing:
-            parts.
+        watch, signals, direction, radii, trust, forces, along, filter, contact, bank, pitch, roll, inputs,
+            sharing: parts.
         knows_sides: whether there are a lateral acceleration and a yaw rate.
         speed_scale: 1σ of the speed's scale.
         mass_std: 1σ of the mass, as a share, before anything is learnt.
@@ -166,6 +167,7 @@ class Joint(Estimator[JointState]):
     forces: ForceMeter
     along: AlongModel
     filter: EKF
+    contact: TireContact
     bank: FrictionBank
     pitch: PitchMeter
     roll: RollMeter
@@ -200,6 +202,7 @@ class Joint(Estimator[JointState]):
             forces=forces,
             along=model,
             filter=EKF(gate=GateRule(patience=_PATIENCE)),
+            contact=TireContact(vehicle),
             bank=FrictionBank(vehicle, available),
             pitch=PitchMeter(vehicle),
             roll=RollMeter(vehicle),
@@ -220,8 +223,9 @@ class Joint(Estimator[JointState]):
             radii=self.radii.init(),
             trust=self.trust.init(),
             forces=self.forces.init(),
+            rims=self.inputs.rims.init(),
             along=self.filter.init(self.along),
-            contact=self.inputs.contact.init(),
+            contact=self.contact.init(),
             bank=self.bank.init(),
             pitch=self.pitch.init(),
             roll=self.roll.init(),
@@ -242,7 +246,7 @@ class Joint(Estimator[JointState]):
         watch = once(self.watch.look(state.watch, sample, x[SPEED], dt))
         sample = self.watch.without_frozen(watch, sample)
         held, raw = self.signals.read(state.signals, sample, x[SPEED], dt)
-        verdict = self.trust.verdict(state.trust)
+        verdict, slides = self.trust.verdict(state.trust), state.trust.slides > 0
         direction, raw, way = self.direction.turn(
             state.direction, raw, sample, held.gear, state.along.gaussian, verdict.sign(ACCEL_X), dt
         )
@@ -250,16 +254,16 @@ class Joint(Estimator[JointState]):
         seen = once(self.trust.mend(state.trust, verdict, raw, x[SPEED]))
         bias = x[BIAS] + x[SCALE] * state.latest.lean.lasting
         error = jnp.stack([bias, jnp.zeros_like(bias)])
-        rolls = self._rolls(seen)
-        moving = self._moves(state, sample, seen, rolls)
+        rolls = self.inputs.rims.mean(seen)
+        moving = self.inputs.moving(state, sample, seen)
         meter, balance = self.forces.read(state.forces, sample, seen, moving, error, x[SLOPE], dt)
         forces = balance._replace(age=jnp.where(verdict.lies[TORQUE], NEVER, balance.age))
-        contact, u, z = self.inputs.read(
+        rims, u, z = self.inputs.read(
             state, seen, forces, sample, across[V_Y], dt, verdict.sign(ACCEL_X), way
         )
         steps = self.watch.step(state.watch, WHEEL_SPEEDS)
         pushed = jnp.where(forces.may_brake, forces.accel[0], 0.0)
-        white = self.inputs.contact.white(seen)
+        white = self.contact.white(seen)
         radii = self.radii.learn(state.radii, seen, u.slip, pushed, u.turning, steps, white, dt)
         signal = z[self.sensors.index("speed")] if "speed" in self.sensors else jnp.full((), jnp.nan)
         is_signal = np.array([s == "speed" for s in self.sensors])
@@ -285,7 +289,7 @@ class Joint(Estimator[JointState]):
             pull = info.innovation[speeds], root(jnp.diagonal(info.S)[speeds])
             late = self.watch.lateness(watch, ("accel_x",))[0] > _LAGS
             unknown = (seen.age[YAW_RATE] >= STALE) & (jnp.abs(u.smooth_across) > _TURNS_HARD)
-            excused = late | unknown | (state.trust.slides > 0) | ~self.radii.is_known(radii)
+            excused = late | unknown | slides | ~self.radii.is_known(radii)
             moves = along.gaussian.mean[SPEED], u.smooth_across, excused
             pitch = self.pitch.judge(pitch, *seems, pull, *moves, dt)
         unrest = self.inputs.learn(state, info, u, forces, dt)
@@ -298,12 +302,12 @@ class Joint(Estimator[JointState]):
         if "roll_rate" in self.channels:
             sine = along.gaussian.mean[SLOPE] / GRAVITY
             # how fast that changes in a spin, no yaw acceleration tells
-            unsure = jnp.where(state.trust.slides > 0, 1.0, across_std[V_Y])
+            unsure = jnp.where(slides, 1.0, across_std[V_Y])
             sideslip = jnp.stack([across[V_Y], unsure])
             ahead = jnp.stack([across[LEVER], across_std[LEVER]])
             roll, banking = self.roll.read(roll, sample, seen, sine, speed, sideslip, ahead, dt)
-        contact, touch = self.inputs.contact.touch(
-            contact, seen, forces, speed, rolling, gain, GRAVITY * banking, state.trust.slides > 0, since
+        contact, touch = self.contact.touch(
+            state.contact, seen, forces, speed, rolling, gain, GRAVITY * banking, slides, since
         )
         late = self.watch.lateness(watch, WHEEL_SPEEDS) * gain / jnp.maximum(jnp.abs(speed), 1.0)
         touch = touch._replace(slip_shared=rss(touch.slip_shared, jnp.max(jnp.abs(late))))
@@ -322,16 +326,16 @@ class Joint(Estimator[JointState]):
         trust = once(select(turned, self.trust.init(), trust))
         moved = self.radii.has_moved(radii)
         caught = jnp.any(found) | turned | moved | self.roll.contradicts(roll)
-        rolls = jnp.where(jnp.any(seen.is_fresh[SPIN]), share * contact.rolling, speed)
+        rolls = jnp.where(jnp.any(seen.is_fresh[SPIN]), share * rims.rolling, speed)
         against = state.against
         if "speed" in self.channels and any(self.signals.has[SPIN]):
-            rims = share * self.forces.balance.car.wheel_radius * seen.value[SPIN], seen.is_fresh[SPIN]
-            against = outvoted(against, sample["speed"], *rims, rolls, speed, forces.accel[0])
+            rims_say = share * self.inputs.rims.radius * seen.value[SPIN], seen.is_fresh[SPIN]
+            against = outvoted(against, sample["speed"], *rims_say, rolls, speed, forces.accel[0])
         contradicted = jnp.where(jnp.abs(rolls - speed) > WRONG, state.against + dt / _ROLLED, 0.0)
-        against = jnp.where(contact.rolls, contradicted, against)
+        against = jnp.where(rims.rolls, contradicted, against)
         astray = is_astray(along.gaussian, speed, along.gaussian.mean[SLOPE])
         spread, bears = along.gaussian.std[SPEED], jnp.mean(forces.over_load)
-        refuted = ~is_proven(contact.proof) & refutes(rolls, bears, speed, spread)
+        refuted = ~is_proven(rims.proof) & refutes(rolls, bears, speed, spread)
         lost = (against >= _CONFIRMED) | turned | astray | refuted
         # what was learnt from a sensor that lies may be wrong
         spoilt = jnp.any(found & (GROUP != YAW)) | self._freezes(state, held, raw) | lost | moved
@@ -348,8 +352,9 @@ class Joint(Estimator[JointState]):
         fault_age = jnp.where(faulty, state.fault_age + jnp.minimum(dt, _PAUSE), 0.0)
         friction = once(self._friction(bank))
         new = JointState(
-            watch, held, direction, radii, trust, meter, along, contact, bank, pitch, roll, unrest, shortfall,
-            speed_age, jnp.where(lost, 0.0, against), doubt, fault_age, forces, friction, state.validity,
+            watch, held, direction, radii, trust, meter, rims, along, contact, bank, pitch, roll,
+            unrest, shortfall, speed_age, jnp.where(lost, 0.0, against), doubt, fault_age, forces, friction,
+            state.validity,
         )  # fmt: skip
         validity = validity_of(self, new, self._faults(new), info.ok)
         info = eqx.tree_at(lambda i: i.log_likelihood, info, info.log_likelihood + likelihood)
@@ -361,23 +366,6 @@ class Joint(Estimator[JointState]):
         has = np.array(self.signals.has[SPIN])
         before = jnp.max(jnp.where(has, state.fault_age[SPIN], 0.0)) > 0
         return jnp.all(frozen | ~has) & bool(has.any()) & ~before
-
-    def _rolls(self, seen: Signals) -> Float[Array, ""]:
-        """Mean speed of the wheels that tell something, m/s."""
-        told = seen.is_fresh[SPIN]
-        rims = self.forces.balance.car.wheel_radius * jnp.where(told, seen.value[SPIN], 0.0)
-        return jnp.sum(rims) / jnp.maximum(jnp.sum(told), 1)
-
-    def _moves(self, state: JointState, sample: Sample, seen: Signals, rolls: Array) -> Float[Array, ""]:
-        """The speed at which air resists the car, and brakes slow or hold it, m/s: before the filter knows of
-        any, what wheels, or else a receiver, say; 0 where none has been heard for so long that the car may
-        stand as well, or roll back, and brakes push either way."""
-        other = sample["speed"] if "speed" in self.channels else jnp.zeros(())
-        told = jnp.any(seen.is_fresh[SPIN])
-        first = jnp.where(told, rolls, jnp.where(jnp.isfinite(other), other, 0.0))
-        known = state.along.gaussian
-        lost = (state.speed_age > _UNHEARD) & (jnp.abs(known.mean[SPEED]) < 2 * known.std[SPEED])
-        return jnp.where(state.speed_age < NEVER, jnp.where(lost, 0.0, known.mean[SPEED]), first)
 
     def _friction(self, bank: BankState) -> Float[Array, "3 5"]:
         low, high = self.bank.quantiles(bank, _BOUNDS)
