@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import time
 import zlib
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -123,19 +124,38 @@ def test_what_is_in_the_cache_is_looked_through_once(tmp_path: Path) -> None:
     whole.write_bytes(zlib.compress(b"program" * 100))
     torn.write_bytes(zlib.compress(b"program" * 100)[:-5])
     (tmp_path / "jit_c-cache").touch()
-    numerics._drop_torn(tmp_path)
+    numerics._tidy(tmp_path)
     assert [path.name for path in tmp_path.glob("*-cache")] == ["jit_a-cache"]
 
-    numerics._drop_torn(tmp_path)  # the removal has made the folder newer than the look
+    numerics._tidy(tmp_path)  # the removal has made the folder newer than the look
     os.utime(tmp_path / "looked-through", (4e9, 4e9))  # in a distant future
     torn.write_bytes(b"x")
-    numerics._drop_torn(tmp_path)
+    numerics._tidy(tmp_path)
     assert torn.exists()
     os.utime(tmp_path / "looked-through", (0, 0))
     torn.write_bytes(b"(\xb5/\xfd")  # not of zlib
     os.truncate(whole, 8)
-    numerics._drop_torn(tmp_path)
+    numerics._tidy(tmp_path)
     assert [path.name for path in tmp_path.glob("*-cache")] == ["jit_b-cache"]
+
+
+def test_what_nothing_has_read_for_months_goes(tmp_path: Path) -> None:
+    now = time.time()
+    for name, read, written in (("old", 100, 100), ("read", 10, 100), ("written", 100, 10)):
+        for path in (
+            tmp_path / f"jit_{name}-cache",
+            tmp_path / f"{name}.traced",
+            tmp_path / f"{name}.9.part",
+        ):
+            path.write_bytes(b"(")
+            os.utime(path, (now - read * 86400, now - written * 86400))
+    (tmp_path / "mine.txt").touch()
+    os.utime(tmp_path / "mine.txt", (0, 0))
+    numerics._tidy(tmp_path)
+    left = {path.name for path in tmp_path.iterdir()} - {"looked-through", "mine.txt"}
+    assert len(left) == 6
+    assert not any("old" in name for name in left)
+    assert (tmp_path / "mine.txt").exists()
 
 
 def test_the_cache_can_be_off(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

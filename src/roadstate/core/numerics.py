@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 import zlib
 from collections.abc import Callable, Hashable
 from contextlib import suppress
@@ -21,6 +22,9 @@ from roadstate.core.kernel import one_kernel
 P = ParamSpec("P")
 R = TypeVar("R")
 T = TypeVar("T")
+
+_KEPT = ("*-cache", "*.traced", "*.part")  # what lies in the cache's folder: compiled, traced, begun
+_MONTHS = 90 * 86400.0  # s
 
 LOOP_OPTIONS: dict[str, bool | str | int] = {
     # a step over small arrays has nothing worth running in parallel; the attempt doubles its time
@@ -154,7 +158,7 @@ def use_compilation_cache(folder: str | Path | None = None, *, traces: bool = Tr
     except OSError:
         return None
     with suppress(OSError):  # a folder that others fill and this user may only read
-        _drop_torn(path)
+        _tidy(path)
     jax.config.update("jax_compilation_cache_dir", str(path))  # type: ignore[no-untyped-call]
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)  # type: ignore[no-untyped-call]
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)  # type: ignore[no-untyped-call]
@@ -162,19 +166,22 @@ def use_compilation_cache(folder: str | Path | None = None, *, traces: bool = Tr
     return path
 
 
-def _drop_torn(folder: Path) -> None:
+def _tidy(folder: Path) -> None:
     """Remove programs that were not written to their end, by a full disk or a process that was killed.
 
     JAX would complain of each in every run, compile it again and never write it anew. What is older than the
-    last look has been looked at.
+    last look has been looked at. Files that nothing has read for months go, too, as those of older versions.
     """
     looked = folder / "looked-through"
     last = looked.stat().st_mtime_ns if looked.exists() else 0
     if folder.stat().st_mtime_ns < last:
         return
     looked.touch()
-    for entry in folder.glob("*-cache"):
-        if entry.stat().st_mtime_ns >= last and not _is_whole(entry.read_bytes()):
+    for entry in (entry for pattern in _KEPT for entry in folder.glob(pattern)):
+        about = entry.stat()
+        unused = time.time() - max(about.st_atime, about.st_mtime) > _MONTHS
+        torn = entry.match(_KEPT[0]) and about.st_mtime_ns >= last and not _is_whole(entry.read_bytes())
+        if unused or torn:
             entry.unlink(missing_ok=True)
 
 
