@@ -10,6 +10,7 @@ from benchmarks.drawn import drives
 from benchmarks.drawn.__main__ import Row, cells, rows
 from benchmarks.starts import STARTS, cuts
 from benchmarks.starts import rows as start_rows
+from benchmarks.stops import judged
 
 from roadstate.core import WHEELS, Estimates, Log
 from roadstate.core.constants import GRAVITY
@@ -46,6 +47,19 @@ def test_what_is_drawn() -> None:
         assert np.ptp(np.asarray(road.friction)) == 0
     curvatures = np.array([np.abs(np.asarray(p.curvature)).max() for p in points])
     assert np.median([m.speed**2 for m in winding] * curvatures) > 2 * np.median(turning)
+
+
+def test_what_is_counted_of_a_stop() -> None:
+    """From when the brakes act: half of the samples off by 3 σ of the speed, all by a σ of the slope."""
+    time = np.arange(400) / 100
+    speed = np.where(time < 1, 28.0, 10 - 2 * time)
+    log = Log(time, {"ref_velocity_x": speed, "ref_grade": np.zeros(400)})
+    off = np.where(np.arange(400) % 2, 0.3, 0.0) + 5.0 * (time < 1)
+    said = {"speed": speed + off, "grade": np.full(400, 0.02)}
+    std = {"speed": np.full(400, 0.1), "grade": np.full(400, 0.02)}
+    found = judged([Estimates(time, said, std, np.zeros(400, int))], [log], 1.0)
+    expected = {"speed": 0.3 / np.sqrt(2), "inside": 50.0, "slope": 2.0, "slope inside": 100.0}
+    assert found == pytest.approx(expected | {"below 5 m/s": 0.3 / np.sqrt(2)}, rel=0.01)
 
 
 def test_what_is_counted() -> None:
