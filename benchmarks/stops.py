@@ -43,7 +43,7 @@ def stop(friction: float, steady: float) -> Scenario:
         friction: of the road.
         steady: s before the brakes act.
     """
-    lasts = steady + 1.05 * _SPEED / (friction * GRAVITY)
+    lasts = steady + 1.25 * _SPEED / (friction * GRAVITY)
 
     def prepare(_: Vehicle) -> Manoeuvre:
         plan = SpeedPlan.constant(_SPEED, lasts)
