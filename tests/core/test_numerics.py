@@ -140,22 +140,21 @@ def test_what_is_in_the_cache_is_looked_through_once(tmp_path: Path) -> None:
 
 
 def test_what_nothing_has_read_for_months_goes(tmp_path: Path) -> None:
-    now = time.time()
-    for name, read, written in (("old", 100, 100), ("read", 10, 100), ("written", 100, 10)):
-        for path in (
-            tmp_path / f"jit_{name}-cache",
-            tmp_path / f"{name}.traced",
-            tmp_path / f"{name}.9.part",
-        ):
+    now, days = time.time(), 86400.0
+    ages = {"a": (100, 100), "b": (10, 100), "c": (100, 10)}  # days since it was read, and written
+    mine = [tmp_path / name for name in ("notes.part", "a-cache", "mine.traced")]
+    kept = []
+    for letter, (read, written) in ages.items():
+        for kind in ("-cache", ".traced", ".9.part"):
+            path = tmp_path / f"{letter * 64}{kind}"
             path.write_bytes(b"(")
-            os.utime(path, (now - read * 86400, now - written * 86400))
-    (tmp_path / "mine.txt").touch()
-    os.utime(tmp_path / "mine.txt", (0, 0))
+            os.utime(path, (now - read * days, now - written * days))
+            kept += [path] if letter != "a" else []
+    for path in mine:
+        path.write_bytes(b"(")
+        os.utime(path, (now - 100 * days, now - 100 * days))
     numerics._tidy(tmp_path)
-    left = {path.name for path in tmp_path.iterdir()} - {"looked-through", "mine.txt"}
-    assert len(left) == 6
-    assert not any("old" in name for name in left)
-    assert (tmp_path / "mine.txt").exists()
+    assert {*tmp_path.iterdir()} == {*kept, *mine, tmp_path / "looked-through"}
 
 
 def test_the_cache_can_be_off(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

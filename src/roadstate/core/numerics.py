@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import time
 import zlib
 from collections.abc import Callable, Hashable
@@ -23,7 +24,8 @@ P = ParamSpec("P")
 R = TypeVar("R")
 T = TypeVar("T")
 
-_KEPT = ("*-cache", "*.traced", "*.part")  # what lies in the cache's folder: compiled, traced, begun
+# names of what the cache's folder holds: compiled, traced, begun
+_KEPT = re.compile(r"[0-9a-f]{64}(-cache|\.traced|\.\d+\.part)$")
 _MONTHS = 90 * 86400.0  # s
 
 LOOP_OPTIONS: dict[str, bool | str | int] = {
@@ -177,10 +179,10 @@ def _tidy(folder: Path) -> None:
     if folder.stat().st_mtime_ns < last:
         return
     looked.touch()
-    for entry in (entry for pattern in _KEPT for entry in folder.glob(pattern)):
+    for entry in folder.iterdir():
         about = entry.stat()
-        unused = time.time() - max(about.st_atime, about.st_mtime) > _MONTHS
-        torn = entry.match(_KEPT[0]) and about.st_mtime_ns >= last and not _is_whole(entry.read_bytes())
+        unused = _KEPT.search(entry.name) and time.time() - max(about.st_atime, about.st_mtime) > _MONTHS
+        torn = entry.match("*-cache") and about.st_mtime_ns >= last and not _is_whole(entry.read_bytes())
         if unused or torn:
             entry.unlink(missing_ok=True)
 
