@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import numpy as np
 from benchmarks.accuracy.measures import interval
 from benchmarks.accuracy.run import without
-from benchmarks.accuracy.scenarios import SATELLITE, VEHICLES, Scenario, on_plant
+from benchmarks.accuracy.scenarios import SATELLITE, VEHICLES, Scenario, on_plant, straight_ahead
 from benchmarks.real_logs import table
 
 from roadstate.core import Estimates, Log, reference
@@ -20,12 +20,7 @@ from roadstate.core.constants import GRAVITY
 from roadstate.core.numerics import use_compilation_cache
 from roadstate.estimators import build
 from roadstate.run import batch
-from roadstate.sim.manoeuvres import Manoeuvre
-from roadstate.sim.manoeuvres.path import straight
-from roadstate.sim.manoeuvres.roads import plain
-from roadstate.sim.manoeuvres.script import Script
 from roadstate.sim.speed_plan import SpeedPlan
-from roadstate.vehicles import Vehicle
 
 _SPEED = 28.0  # m/s
 _BRAKE = 0.9  # of the pedal: more than any of the roads bears
@@ -44,13 +39,9 @@ def stop(friction: float, steady: float) -> Scenario:
         steady: s before the brakes act.
     """
     lasts = steady + 1.25 * _SPEED / (friction * GRAVITY)
-
-    def prepare(_: Vehicle) -> Manoeuvre:
-        plan = SpeedPlan.constant(_SPEED, lasts)
-        script = Script.write(plan, brake=_BRAKE, pedals_from=steady)
-        return Manoeuvre("stop", "stop", plain(friction), _SPEED, script, straight())
-
-    return Scenario(f"stop-{friction:g}-{steady:g}", f"from 28 m/s on {friction:g}", prepare)
+    plan = SpeedPlan.constant(_SPEED, lasts)
+    drive = straight_ahead("stop", friction, plan, brake=_BRAKE, pedals_from=steady)
+    return Scenario(f"stop-{friction:g}-{steady:g}", f"from 28 m/s on {friction:g}", drive)
 
 
 def judged(said: list[Estimates], logs: list[Log], steady: float) -> dict[str, float]:

@@ -182,9 +182,11 @@ def _urban(vehicle: Vehicle) -> Manoeuvre:
     return replace(whole, script=Script(whole.script.table[: round(600.0 / STEP) + 1]))
 
 
-def _straight(
+def straight_ahead(
     name: str, friction: FrictionMap | float, plan: SpeedPlan, **pedals: float
 ) -> Callable[[Vehicle], Manoeuvre]:
+    """On a level road straight ahead, for a :class:`Scenario`; pedals as ``Script.write`` takes them."""
+
     def prepare(vehicle: Vehicle) -> Manoeuvre:
         script = Script.write(plan, **pedals)
         return Manoeuvre(name, name, plain(friction), plan.speed[0], script, straight())
@@ -227,11 +229,11 @@ def _all() -> dict[str, Scenario]:
     for mu in (0.8, 0.4, 0.2):
         name = f"straight-{mu:g}"
         title = f"three times speeding up and braking, harder each time, on {mu:g}"
-        found.append(Scenario(name, title, _straight(name, mu, _growing(mu)), is_long=True))
+        found.append(Scenario(name, title, straight_ahead(name, mu, _growing(mu)), is_long=True))
     for first, then in ((0.8, 0.2), (0.2, 0.8)):
         words = f"{first:g}-{then:g}"
         name = f"joint-acceleration-{words}"
-        prepare = _straight(
+        prepare = straight_ahead(
             name,
             joint([40.0 if first > then else 25.0], [first, then]),
             SpeedPlan.constant(25 * KMH, 7.0),
@@ -240,7 +242,7 @@ def _all() -> dict[str, Scenario]:
         )
         found.append(Scenario(name, f"nearly full throttle from 25 km/h, {first:g} then {then:g}", prepare))
         name = f"joint-braking-{words}"
-        prepare = _straight(
+        prepare = straight_ahead(
             name,
             joint([40.0 if first > then else 70.0], [first, then]),
             SpeedPlan.constant(20.0, 6.0),

@@ -138,7 +138,7 @@ class AlongIntake(eqx.Module):
         found = self.learner.scale(unrest)[self.learned.index(self.sensors.index("traction"))]
         return jnp.minimum(stated, found * jnp.linalg.norm(stated))
 
-    def moving(self, state: JointState, sample: Sample, seen: Signals) -> Float[Array, ""]:
+    def moving(self, state: JointState, sample: Sample, seen: Signals, rolls: Array) -> Float[Array, ""]:
         """The speed at which air resists the car, and brakes slow or hold it, m/s.
 
         Before the filter knows of any, what wheels, or else a receiver, say; 0 where none has been heard for
@@ -148,10 +148,11 @@ class AlongIntake(eqx.Module):
             state: of the whole, before this sample.
             sample: the channels.
             seen: signals of this instant.
+            rolls: mean speed of the wheels, m/s.
         """
         other = sample["speed"] if "speed" in self.sensors else jnp.zeros(())
         told = jnp.any(seen.is_fresh[SPIN])
-        first = jnp.where(told, self.rims.mean(seen), jnp.where(jnp.isfinite(other), other, 0.0))
+        first = jnp.where(told, rolls, jnp.where(jnp.isfinite(other), other, 0.0))
         known = state.along.gaussian
         lost = (state.speed_age > _UNHEARD) & (jnp.abs(known.mean[SPEED]) < 2 * known.std[SPEED])
         return jnp.where(state.speed_age < NEVER, jnp.where(lost, 0.0, known.mean[SPEED]), first)

@@ -255,7 +255,7 @@ class Joint(Estimator[JointState]):
         bias = x[BIAS] + x[SCALE] * state.latest.lean.lasting
         error = jnp.stack([bias, jnp.zeros_like(bias)])
         rolls = self.inputs.rims.mean(seen)
-        moving = self.inputs.moving(state, sample, seen)
+        moving = self.inputs.moving(state, sample, seen, rolls)
         meter, balance = self.forces.read(state.forces, sample, seen, moving, error, x[SLOPE], dt)
         forces = balance._replace(age=jnp.where(verdict.lies[TORQUE], NEVER, balance.age))
         rims, u, z = self.inputs.read(
