@@ -44,6 +44,8 @@ _SHAKEN = (0.7, 1.8)
 # rad √(m/s)/(m/s²): 1σ of the mean slope over a second by unevenness, whose slopes are white along the road
 # (ISO 8608), times the root of the speed, over what it shakes the accelerometers by both ways
 _UNEVEN = 0.084
+# s: 1σ of how late everything on the bus is, wheels and accelerometer alike, which nothing in it can tell
+_LATE = 0.01
 _CUT = 0.35  # of a speed's step: root mean square of its error's mean, be it rounded (none) or cut off (half)
 _LIGHTEST = 0.3  # of what would move a car of the file's mass: no load takes away more
 _DRIFTS = 0.02  # 1σ of v̇_y over g
@@ -108,7 +110,8 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
     uneven = _UNEVEN * jnp.min(forces.shaken) / root(jnp.maximum(jnp.abs(mean[SPEED]), 1.0))
     unsure = rss(std[SLOPE] / GRAVITY, sway, uneven)
     tell("grade", grade, unsure / jnp.cos(grade))
-    tell("speed", mean[SPEED], rss(std[SPEED], joint.speed_scale * mean[SPEED], _CUT * _coarse(joint, state)))
+    off, steps = joint.speed_scale * mean[SPEED], _CUT * _coarse(joint, state)
+    tell("speed", mean[SPEED], rss(std[SPEED], off, steps, _LATE * (forces.accel[0] - mean[SLOPE])))
     tell("accel_x_bias", mean[BIAS], std[BIAS])
     scale, scale_std = jnp.ones(()), joint.mass_std
     if "mass" in joint.along.states:
