@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,9 @@ from roadstate.estimators import Estimator, build
 from roadstate.run import batch
 from roadstate.vehicles import Vehicle, load_vehicle
 
-_LACKING = {SATELLITE: (), BUS: RECEIVED, NO_PITCH: (*RECEIVED, "pitch_rate")}  # channels, by variant
+# channels, by variant
+_LACKING = {SATELLITE: (), SMOOTHED: (), BUS: RECEIVED, NO_PITCH: (*RECEIVED, "pitch_rate")}
+_AT_ONCE = 2  # estimators at work: while one is compiled, which one processor does, another runs
 _Reads = tuple[str, tuple[str, ...]]
 Smooth = Callable[[Estimator[Any], Log], Estimates]
 """An estimator's smoothed estimates of a whole log."""
@@ -53,14 +55,13 @@ class _Plan:
 
 @dataclass(frozen=True)
 class _Condition:
-    """One drive's logs, and what has been made of them.
+    """One drive's logs, and who gets how many of them.
 
     Attributes:
         vehicle: that was driven.
         drive: name of the scenario.
         recorded: logs, each with the vehicle file told.
         counts: estimator → how many of the logs it gets.
-        made: (estimator, the channels it reads) → estimates: one that reads no receiver's runs only once.
         gives: (estimator, the channels it reads) → its quantities, of this vehicle's drives so far.
     """
 
@@ -68,8 +69,24 @@ class _Condition:
     drive: str
     recorded: Sequence[tuple[Log, Vehicle]]
     counts: Mapping[str, int]
-    made: dict[_Reads, list[Estimates]]
     gives: dict[_Reads, frozenset[str]]
+
+
+@dataclass(frozen=True)
+class _Task:
+    """One estimator, built for each of a condition's recordings, and the groups that ask for it."""
+
+    name: str
+    variant: str
+    logs: list[Log]
+    cars: list[Vehicle]
+    built: list[Estimator[Any]]
+    asking: list[Group]
+
+    @property
+    def key(self) -> tuple[str, tuple[str, ...], bool]:
+        """Of what comes out: an estimator that reads no receiver's channels runs only once."""
+        return self.name, self.built[0].channels, self.variant == SMOOTHED
 
 
 def run(
@@ -106,7 +123,7 @@ def run(
     for group in active:
         if isinstance(group, Friction):
             group.by_drive = by_drive
-    plans = _plans(active, drives)
+    plans = _plans(active, drives, is_smoothed=smooth is not None)
     takers = [group for group in active if not group.drives]
     notes: dict[str, None] = {}
     conditions = [(vehicle, plan) for vehicle in vehicles for plan in plans]
@@ -119,9 +136,11 @@ def run(
             notes[str(recorded)] = None
             continue
         counts = {name: few(seeds) if subject not in (None, name) else seeds for name in estimators}
-        condition = _Condition(load_vehicle(vehicle), plan.drive, recorded, counts, {}, gives[vehicle])
+        condition = _Condition(load_vehicle(vehicle), plan.drive, recorded, counts, gives[vehicle])
+        tasks: list[_Task] = []
         for variant, askers in plan.variants.items():
-            notes |= dict.fromkeys(_estimate(condition, variant, askers, takers, smooth, tell))
+            notes |= dict.fromkeys(_asked(condition, variant, askers, tasks))
+        _estimate(condition, tasks, takers, smooth, tell)
     if progress is not None:
         progress("done", total, total)
     return Results([score for group in active for score in group.scores()], list(notes))
@@ -135,7 +154,7 @@ def _driven(*arguments: Any) -> list[tuple[Log, Vehicle]] | InputError:
         return error
 
 
-def _plans(active: Sequence[Group], drives: Sequence[str]) -> list[_Plan]:
+def _plans(active: Sequence[Group], drives: Sequence[str], *, is_smoothed: bool) -> list[_Plan]:
     """The drives that are needed, each once; where only takers are chosen, those of all groups."""
     askers = [group for group in active if group.drives] or [
         kind() for kind in GROUPS.values() if kind.drives
@@ -143,7 +162,8 @@ def _plans(active: Sequence[Group], drives: Sequence[str]) -> list[_Plan]:
     plans: dict[str, _Plan] = {}
     for group in askers:
         for drive, variant in group.drives:
-            if not drives or drive in drives:
+            takes_place = variant != SMOOTHED or (is_smoothed and group in active)
+            if takes_place and (not drives or drive in drives):
                 plans.setdefault(drive, _Plan(drive)).variants.setdefault(variant, []).append(group)
     if not plans:
         raise InputError("nothing is measured there", mend="choose other groups or drives")
@@ -158,16 +178,8 @@ def _teller(progress: Progress | None, title: str, done: int, total: int) -> Cal
     return tell
 
 
-def _estimate(
-    condition: _Condition,
-    variant: str,
-    askers: Sequence[Group],
-    takers: Sequence[Group],
-    smooth: Smooth | None,
-    tell: Callable[[str], None],
-) -> list[str]:
-    """Run each estimator over so many of one drive's logs, and hand out what it gives."""
-    vehicle, drive = condition.vehicle, condition.drive
+def _asked(condition: _Condition, variant: str, askers: Sequence[Group], tasks: list[_Task]) -> list[str]:
+    """Add the tasks of a variant, and tell what is left out."""
     notes = []
     for name, count in condition.counts.items():
         cars = [car for _, car in condition.recorded[:count]]
@@ -175,28 +187,46 @@ def _estimate(
         try:
             built = [build(name, car, cut[0].available) for car in cars]
         except InputError as error:
-            notes.append(f"{vehicle.name}, {variant}: {error}")
+            notes.append(f"{condition.vehicle.name}, {variant}: {error}")
             continue
         key = name, tuple(built[0].channels)
         if key not in condition.gives:
             condition.gives[key] = quantities(built[0])
-        gives = condition.gives[key]
+        gives, smoothable = condition.gives[key], built[0].smoothable
+        if variant == SMOOTHED:
+            gives &= frozenset(smoothable.quantities if smoothable else ())
         asking = [group for group in askers if not group.quantities or group.quantities & gives]
-        if not asking:
-            continue
-        tell(name)
-        if key not in condition.made:
-            condition.made[key] = batch(built, cut)
-        runs = Runs(vehicle, drive, variant, name, cut, cars, condition.made[key])
-        for group in (*asking, *takers):
-            group.add(runs)
-        if smooth is not None and variant == SATELLITE and built[0].smoothable and "grade" in gives:
-            tell(f"{name}, smoothed")
-            with ThreadPoolExecutor() as pool:
-                smoothed = list(pool.map(smooth, built, cut))
-            for group in (g for g in asking if (drive, BUS) in g.drives):
-                group.add(Runs(vehicle, drive, SMOOTHED, name, cut, cars, smoothed))
+        if asking:
+            tasks.append(_Task(name, variant, cut, cars, built, asking))
     return notes
+
+
+def _estimate(
+    condition: _Condition,
+    tasks: Sequence[_Task],
+    takers: Sequence[Group],
+    smooth: Smooth | None,
+    tell: Callable[[str], None],
+) -> None:
+    """Run each task over its logs, and hand out what comes of it, in their order."""
+
+    def made(task: _Task) -> list[Estimates]:
+        if task.variant != SMOOTHED or smooth is None:
+            return batch(task.built, task.logs)
+        with ThreadPoolExecutor() as pool:
+            return list(pool.map(smooth, task.built, task.logs))
+
+    with ThreadPoolExecutor(_AT_ONCE) as pool:
+        work: dict[Any, Future[list[Estimates]]] = {}
+        for task in tasks:
+            if task.key not in work:
+                work[task.key] = pool.submit(made, task)
+        for task in tasks:
+            tell(f"{task.name}, {task.variant}")
+            estimates = work[task.key].result()
+            own = condition.drive, task.variant, task.name, task.logs, task.cars, estimates
+            for group in (*task.asking, *(takers if task.variant != SMOOTHED else ())):
+                group.add(Runs(condition.vehicle, *own))
 
 
 def without(log: Log, channels: Collection[str]) -> Log:

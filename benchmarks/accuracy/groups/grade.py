@@ -29,7 +29,7 @@ class Grade(Group):
 
     name = "grade"
     title = "Grade: RMSE in per cent of slope, from 5 s on, over samples and seeds"
-    drives = tuple((drive, variant) for variant in (BUS, SATELLITE, NO_PITCH) for drive in DRIVES)
+    drives = tuple((drive, variant) for variant in (BUS, SATELLITE, SMOOTHED, NO_PITCH) for drive in DRIVES)
     quantities = frozenset({"grade"})
 
     def __init__(self) -> None:
