@@ -76,7 +76,7 @@ class _Condition:
 class _Task:
     """One estimator, built for each of a condition's recordings, and the groups that ask for it."""
 
-    name: str
+    reads: _Reads
     variant: str
     logs: list[Log]
     cars: list[Vehicle]
@@ -84,9 +84,9 @@ class _Task:
     asking: list[Group]
 
     @property
-    def key(self) -> tuple[str, tuple[str, ...], bool]:
+    def key(self) -> tuple[_Reads, bool]:
         """Of what comes out: an estimator that reads no receiver's channels runs only once."""
-        return self.name, self.built[0].channels, self.variant == SMOOTHED
+        return self.reads, self.variant == SMOOTHED
 
 
 def run(
@@ -139,7 +139,9 @@ def run(
         condition = _Condition(load_vehicle(vehicle), plan.drive, recorded, counts, gives[vehicle])
         tasks: list[_Task] = []
         for variant, askers in plan.variants.items():
-            notes |= dict.fromkeys(_asked(condition, variant, askers, tasks))
+            asked, left_out = _asked(condition, variant, askers)
+            tasks += asked
+            notes |= dict.fromkeys(left_out)
         _estimate(condition, tasks, takers, smooth, tell)
     if progress is not None:
         progress("done", total, total)
@@ -178,9 +180,9 @@ def _teller(progress: Progress | None, title: str, done: int, total: int) -> Cal
     return tell
 
 
-def _asked(condition: _Condition, variant: str, askers: Sequence[Group], tasks: list[_Task]) -> list[str]:
-    """Add the tasks of a variant, and tell what is left out."""
-    notes = []
+def _asked(condition: _Condition, variant: str, askers: Sequence[Group]) -> tuple[list[_Task], list[str]]:
+    """The tasks of a variant, and what is left out."""
+    tasks, notes = [], []
     for name, count in condition.counts.items():
         cars = [car for _, car in condition.recorded[:count]]
         cut = [without(log, _LACKING[variant]) for log, _ in condition.recorded[:count]]
@@ -189,16 +191,16 @@ def _asked(condition: _Condition, variant: str, askers: Sequence[Group], tasks: 
         except InputError as error:
             notes.append(f"{condition.vehicle.name}, {variant}: {error}")
             continue
-        key = name, tuple(built[0].channels)
-        if key not in condition.gives:
-            condition.gives[key] = quantities(built[0])
-        gives, smoothable = condition.gives[key], built[0].smoothable
+        reads = name, tuple(built[0].channels)
+        if reads not in condition.gives:
+            condition.gives[reads] = quantities(built[0])
+        gives, smoothable = condition.gives[reads], built[0].smoothable
         if variant == SMOOTHED:
             gives &= frozenset(smoothable.quantities if smoothable else ())
         asking = [group for group in askers if not group.quantities or group.quantities & gives]
         if asking:
-            tasks.append(_Task(name, variant, cut, cars, built, asking))
-    return notes
+            tasks.append(_Task(reads, variant, cut, cars, built, asking))
+    return tasks, notes
 
 
 def _estimate(
@@ -217,16 +219,19 @@ def _estimate(
             return list(pool.map(smooth, task.built, task.logs))
 
     with ThreadPoolExecutor(_AT_ONCE) as pool:
-        work: dict[Any, Future[list[Estimates]]] = {}
+        work: dict[tuple[_Reads, bool], Future[list[Estimates]]] = {}
         for task in tasks:
             if task.key not in work:
                 work[task.key] = pool.submit(made, task)
         for task in tasks:
-            tell(f"{task.name}, {task.variant}")
+            name, _ = task.reads
+            tell(f"{name}, {task.variant}")
             estimates = work[task.key].result()
-            own = condition.drive, task.variant, task.name, task.logs, task.cars, estimates
+            runs = Runs(
+                condition.vehicle, condition.drive, task.variant, name, task.logs, task.cars, estimates
+            )
             for group in (*task.asking, *(takers if task.variant != SMOOTHED else ())):
-                group.add(Runs(condition.vehicle, *own))
+                group.add(runs)
 
 
 def without(log: Log, channels: Collection[str]) -> Log:

@@ -64,8 +64,8 @@ def test_speed_while_braking(vehicle: Vehicle, late: float, bigger: float) -> No
 def test_all_that_comes_over_a_bus_may_be_late(vehicle: Vehicle, seed: int) -> None:
     """Receiver, wheels and accelerometer by 10 ms alike, which nothing contradicts: σ allows for it."""
     log, true = braking(vehicle, late=0.01, bigger=1.0, seed=seed, rate=9.0)
-    kept = {c: np.interp(log.time - 0.01, log.time, log[c]) for c in log.available if c != "speed"}
-    found = scan(build("joint", vehicle, log.available), log.with_channels(kept))
+    late = {c: np.interp(log.time - 0.01, log.time, log[c]) for c in log.available if c != "speed"}
+    found = scan(build("joint", vehicle, log.available), log.with_channels(late))
     brakes = (log.time > 4.3) & (log.time < 5.7)
     error, std = (found.values["speed"] - true)[brakes], found.std["speed"][brakes]
     assert np.median(error) > 0.06
