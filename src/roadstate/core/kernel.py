@@ -101,9 +101,14 @@ def equations(jaxpr: Any) -> Iterator[Any]:
     """Of a traced program, and of all that it calls."""
     for eqn in jaxpr.eqns:
         yield eqn
-        for inner in jax.tree.leaves(list(eqn.params.values()), is_leaf=_is_jaxpr):
-            if _is_jaxpr(inner):
-                yield from equations(getattr(inner, "jaxpr", inner))
+        for inner in within(eqn):
+            yield from equations(inner)
+
+
+def within(eqn: Any) -> list[Any]:
+    """What an equation calls."""
+    told = jax.tree.leaves(list(eqn.params.values()), is_leaf=_is_jaxpr)
+    return [getattr(inner, "jaxpr", inner) for inner in told if _is_jaxpr(inner)]
 
 
 def _is_jaxpr(value: object) -> bool:

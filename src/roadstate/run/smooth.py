@@ -13,6 +13,7 @@ from jaxtyping import Array, Bool, Float
 
 from roadstate.core import Estimates, InputError, Log
 from roadstate.core.gaussian import Gaussian
+from roadstate.core.halves import two_kernels
 from roadstate.core.kernel import one_kernel
 from roadstate.core.numerics import jit_loop
 from roadstate.core.packing import Layout
@@ -149,7 +150,7 @@ def _go_forth(
     """
     told: Layout
 
-    @one_kernel
+    @two_kernels
     def step(estimator: Estimator[Any], packed: Any, values: Any, dt: Any) -> tuple[Any, Any]:
         nonlocal told
         sample = {c: values[i] for i, c in enumerate(estimator.channels)}
