@@ -100,8 +100,8 @@ def scan_steps(
 ) -> tuple[dict[str, Array], R]:
     """``count`` steps through a chunk: the packed state after them, and of each what is to be kept.
 
-    Rows beyond ``count`` are zero. Where steps are to stand ``apart``, each is a kernel or two of its own, with
-    one vector per dtype going in and out.
+    Rows beyond ``count`` are zero. Where steps are to stand ``apart``, each is a kernel or two of its own,
+    with one vector per dtype going in and out.
     """
 
     def one(estimator: Estimator[Any], state: Any, samples: Array, dt: Array, i: Any) -> tuple[Any, R]:
@@ -148,8 +148,8 @@ SHORT = 30_000
 """Samples up to which whoever waits for a run waits for the compiler.
 
 A loop that is one kernel takes twice as long to compile as one whose steps are kernels, since what a compiler
-does to one of the many small loops in a step it does within all that is around it, and more than twice as long
-where a step is two kernels, compiled side by side. Steps of their own take a third longer.
+does to one of the many small loops in a step it does within all that is around it, and more than twice as
+long where a step is two kernels, compiled side by side. Steps of their own take a third longer.
 """
 
 _RESULTS = (Row, Heard, Estimate)
