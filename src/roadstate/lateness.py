@@ -179,7 +179,8 @@ def _blamed(pairs: list[_Pair]) -> dict[str, tuple[float, float]]:
         for late in combinations(names, count):
             rows = [[(p.second == n) - (p.first == n) for n in late] for p in pairs]
             A = weights[:, None] * np.array(rows, float).reshape(len(pairs), count)
-            if np.linalg.matrix_rank(A) < count:
+            # of no column at all, NumPy before 2.4 knows no rank
+            if count and np.linalg.matrix_rank(A) < count:
                 continue
             seconds = np.linalg.lstsq(A, weights * gaps)[0]
             misfit = np.minimum((weights * gaps - A @ seconds) ** 2, _OUTLIER)

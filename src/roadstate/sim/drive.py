@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -96,8 +95,7 @@ def follow(driver: Driver, road: GradeProfile, plan: SpeedPlan) -> Truth:
     count = round(plan.duration / SAMPLE_STEP)
     fine = np.arange(count * _SUBSTEPS) * STEP
     target, slope = plan.at(fine)
-    as_rows = partial(np.reshape, shape=(count, _SUBSTEPS))
-    rows = _run(driver, road, as_rows(target), as_rows(slope))
+    rows = _run(driver, road, *(of.reshape(count, _SUBSTEPS) for of in (target, slope)))
     command, distance = rows.command, rows.motion.distance
     columns = {
         "time": np.arange(count) * SAMPLE_STEP,
