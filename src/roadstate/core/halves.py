@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from functools import wraps
 from typing import Any, ParamSpec, TypeVar, cast
 
+import equinox as eqx
 import jax
 import jax.extend as jex
 import jax.numpy as jnp
@@ -37,16 +38,13 @@ def two_kernels(function: Callable[P, R]) -> Callable[P, R]:
     def call(*args: P.args, **kwargs: P.kwargs) -> R:
         if jax.default_backend() != "cpu":
             return function(*args, **kwargs)
-        leaves, structure = jax.tree.flatten((args, kwargs))
-        is_array = [isinstance(leaf, jax.Array) for leaf in leaves]
-        given = [leaf for leaf, array in zip(leaves, is_array, strict=True) if array]
+        arrays, others = eqx.partition((args, kwargs), eqx.is_array)
+        given, structure = jax.tree.flatten(arrays)
         result: Any = None
 
-        def flat(*arrays: Array) -> list[Array]:
+        def flat(*full: Array) -> list[Array]:
             nonlocal result
-            rest = iter(arrays)
-            filled = [next(rest) if array else leaf for leaf, array in zip(leaves, is_array, strict=True)]
-            inner, named = jax.tree.unflatten(structure, filled)
+            inner, named = eqx.combine(jax.tree.unflatten(structure, full), others)
             out, result = jax.tree.flatten(function(*inner, **named))
             return out
 
