@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from roadstate.vehicles import Vehicle
 
 _SLIP_LAG = 0.025  # s by which force and slip are not of the same moment: 1σ
+_SWIFT_TIME = 0.05  # s for which a slip that has changed fast counts as one that still does
 _SENSED = 0.005  # s by which a signal is older than when it comes
 _USUAL = 0.0997  # variance that the low pass leaves of samples at 100 Hz, which other figures include
 _TEETH = 0.2  # rad/s: 1σ of a wheel's sample by teeth out of place
@@ -39,6 +40,7 @@ class ContactState(NamedTuple):
         angle, across: (2,) the axles' slip angles but for v_y, and their F_y/F_z, both slowed.
         lateral: what v̇_y would be on a level road and without biases, as slow as the angles, m/s².
         along, slip: (4,) F_x/F_z and slip of the wheels, slowed.
+        swift: (4,) square of how fast the wheels' slips change or, fading, have changed, 1/s².
     """
 
     angle: Float[Array, " 2"]
@@ -46,6 +48,7 @@ class ContactState(NamedTuple):
     lateral: Float[Array, ""]
     along: Float[Array, " 4"]
     slip: Float[Array, " 4"]
+    swift: Float[Array, " 4"]
 
 
 class TireContact(eqx.Module):
@@ -79,7 +82,7 @@ class TireContact(eqx.Module):
     def init(self) -> ContactState:
         """Straight ahead and rolling."""
         two, four = jnp.zeros(2), jnp.zeros(4)
-        return ContactState(two, two, jnp.zeros(()), four, four)
+        return ContactState(two, two, jnp.zeros(()), four, four, four)
 
     def white(self, seen: Signals) -> Float[Array, " 4"]:
         """(4,) 1σ of white noise in the wheels' smooth speeds, m/s, beyond what samples at 100 Hz leave."""
@@ -139,7 +142,9 @@ class TireContact(eqx.Module):
         ground = (speed - (late[SPIN] + WHEEL_DELAY) * accel - self.half_track * seen.smooth[YAW_RATE]) / turn
         ground = jnp.where(jnp.abs(ground) < 1.0, jnp.where(ground < 0, -1.0, 1.0), ground)
         slip = jnp.clip((radius * seen.smooth[SPIN] - ground) / jnp.abs(ground), -1.0, 10.0)
-        slip_rate = (slip - state.slip) / SMOOTHING
+        # a wheel that is shaken is no surer of its slip at the turning points
+        swift = ((slip - state.slip) / SMOOTHING) ** 2
+        swift = jnp.maximum(swift, state.swift * jnp.exp(-dt / _SWIFT_TIME))
         slip_noise = self.white(seen) / jnp.abs(ground)
         stale = seen.age[SPIN] > STALE
         unknown = jnp.where(stale, jnp.inf, 0.0)
@@ -156,7 +161,7 @@ class TireContact(eqx.Module):
             across=across,
             along=along,
             slip=jnp.where(stale, 0.0, slip),
-            slip_std=rss(SLIP_ERROR, _SLIP_LAG * slip_rate),
+            slip_std=rss(SLIP_ERROR, _SLIP_LAG * root(swift)),
             slip_noise=slip_noise,
             slip_shared=rolling[1],
             across_std=rss(forces.across_std, _LAG_ERROR * across_rate) + steered,
@@ -174,5 +179,6 @@ class TireContact(eqx.Module):
             across=state.across + keep * (across - state.across),
             along=state.along + keep * (along - state.along),
             slip=state.slip + keep * (slip - state.slip),
+            swift=swift,
         )
         return memory, touch
