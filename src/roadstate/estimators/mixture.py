@@ -12,7 +12,7 @@ from roadstate.linalg import root
 
 _ROBUST = 16.0  # squared deviations, over σ², from which on a sample counts less
 _FLAT = 1e-4  # curvature of a logarithm from which on a peak has a place between the grid's points
-_ONSET = 8.0  # squared deviations, over σ², that no lasting error explains
+_ONSET = 4.0  # squared deviations, over σ², that no lasting error explains
 
 
 def learn(
