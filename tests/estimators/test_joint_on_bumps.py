@@ -9,9 +9,11 @@ from benchmarks.real_logs import of_friction
 
 @pytest.mark.usefixtures("optimised")
 def test_bumps_and_potholes_are_not_taken_for_ice() -> None:
-    log, car = recorded("in-wheel-ev", 0, 1)[0]
+    """Nor at a wheel's turning points between its swings, after which the car lifts off: nothing that comes
+    later would tell that the road has stayed."""
+    log, car = recorded("family-car", 2, 1)[0]
     found = of_friction(log, car, "joint")
-    assert found["used, at most"] < 0.5
+    assert found["used, at most"] < 0.6
     assert found["upper bound below 0.6"] == 0
-    assert found["least peak"] > 0.4
+    assert found["least peak"] > 0.7
     assert found["largest lower bound"] < FRICTION

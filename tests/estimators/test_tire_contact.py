@@ -9,8 +9,8 @@ import pytest
 from jaxtyping import Array, Float
 
 from roadstate.estimators.contact_forces import ForceMeter
-from roadstate.estimators.intake import ACCEL_Y, SMOOTHING, STEER, WHEEL_SPEEDS, YAW_RATE, Signals
-from roadstate.estimators.sideways import Touch
+from roadstate.estimators.intake import ACCEL_Y, SMOOTHING, SPIN, STEER, WHEEL_SPEEDS, YAW_RATE, Signals
+from roadstate.estimators.sideways import SLIP_ERROR, Touch
 from roadstate.estimators.tire_contact import TireContact
 from roadstate.vehicles import Vehicle
 
@@ -35,17 +35,24 @@ def turns_in(time: Float[Array, " t"], body: float, places: Float[Array, " 2"]) 
     return jnp.stack([across, accel, turning, steer], axis=1)
 
 
-def touched(contact: TireContact, vehicle: Vehicle, motion: Float[Array, "t 4"]) -> Touch:
-    """Of samples of that: (t, ...)."""
+def touched(
+    contact: TireContact,
+    vehicle: Vehicle,
+    motion: Float[Array, "t 4"],
+    slip: Float[Array, "t 4"] | None = None,
+) -> Touch:
+    """Of samples of that, and of wheels that slip: (t, ...)."""
     forces = ForceMeter(vehicle, (*WHEEL_SPEEDS, "accel_x", "accel_y", "yaw_rate", "steer")).nothing()
     known = forces._replace(along_std=jnp.zeros(4), across_std=jnp.zeros(2))
     keep = -jnp.expm1(-DT / SMOOTHING)
     still, zero = jnp.zeros(8), jnp.zeros(())
     rows = jnp.asarray([ACCEL_Y, YAW_RATE, STEER])
+    slip = jnp.zeros((len(motion), 4)) if slip is None else slip
+    spins = (1 + slip) * SPEED / contact.radius
 
-    def step(state: tuple, now: Float[Array, " 4"]) -> tuple[tuple, Touch]:
+    def step(state: tuple, now: tuple[Array, Array]) -> tuple[tuple, Touch]:
         memory, smooth = state
-        value = still.at[rows].set(now[1:])
+        value = still.at[rows].set(now[0][1:]).at[SPIN].set(now[1])
         new = smooth + keep * (value - smooth)
         seen = Signals(
             value=value, age=still, is_fresh=jnp.ones(8, bool), smooth=new, rate=(new - smooth) / DT,
@@ -58,8 +65,8 @@ def touched(contact: TireContact, vehicle: Vehicle, motion: Float[Array, "t 4"])
         )  # fmt: skip
         return (memory, new), touch
 
-    first = contact.init(), still.at[rows].set(motion[0, 1:])
-    return jax.lax.scan(step, first, motion)[1]
+    first = contact.init(), still.at[rows].set(motion[0, 1:]).at[SPIN].set(spins[0])
+    return jax.lax.scan(step, first, (motion, spins))[1]
 
 
 @pytest.mark.parametrize("leans", [False, True], ids=["stiff", "soft"])
@@ -79,3 +86,21 @@ def test_tires_that_follow_where_they_point_slip_nowhere(vehicle: Vehicle, leans
     begun = np.asarray(time) > 1.0
     # the lag alone would be .25 m/s of v_y: 40 mrad
     assert np.abs(np.asarray(slips)[begun]).max() < 1.5e-3
+
+
+def test_a_wheel_that_is_shaken_is_unsure_of_its_slip_where_that_turns_as_well(vehicle: Vehicle) -> None:
+    """It hops at 12 Hz for a quarter of a second: what lags is wrong by most where it changes fastest, and
+    at the turning points by what it has just been."""
+    time = jnp.arange(0, 2, DT)
+    hops = (time > 1.0) & (time < 1.25)
+    swings = jnp.where(hops, 0.04 * jnp.sin(2 * np.pi * 12 * (time - 1)), 0.0)
+    slip = swings[:, None] * jnp.asarray([1.0, 0, 0, 0])
+    touch = touched(TireContact(vehicle), vehicle, jnp.zeros((len(time), 4)), slip)
+    unsure = np.asarray(touch.slip_std)
+    within = unsure[np.asarray((time > 1.05) & (time < 1.25)), 0]
+    assert within.max() > 3 * SLIP_ERROR
+    assert within.min() > 0.5 * within.max()
+    # and is sure again soon after, as the others were all the while
+    np.testing.assert_allclose(unsure[np.asarray(time < 1.0)], SLIP_ERROR, rtol=1e-6)
+    np.testing.assert_allclose(unsure[np.asarray(time > 1.7), 0], SLIP_ERROR, rtol=0.01)
+    np.testing.assert_allclose(unsure[:, 1:], SLIP_ERROR, rtol=1e-6)
