@@ -81,8 +81,8 @@ def main() -> None:
     rows: dict[str, dict[str, float]] = {}
     for name in NAMES:
         print(name, file=sys.stderr)
-        rows |= dict(study(name, streets=2, count=5))
-    print("# Bumps and potholes\n\n`python -m benchmarks.bumps`: two streets, five recordings of each.\n")
+        rows |= dict(study(name, streets=4, count=5))
+    print("# Bumps and potholes\n\n`python -m benchmarks.bumps`: four streets, five recordings of each.\n")
     print(table(f"a street of {FRICTION}, with a bump or pothole every 8 to 30 m", rows))
 
 

@@ -26,6 +26,7 @@ _SLIP_OFFSET = 0.003  # 1σ of a slip, of radii that differ
 _SLIP_ASIDE = 0.4  # 1σ of a slip, as a share of the slip angle: where a wheel heads is known that well
 _SLIP_TIME = (0.2, 4.0)  # s: how long errors of a slip last, its own and those that come from the speed
 _SPLIT_TIME = 0.3  # s: how long a share of the forces keeps that nothing tells
+_ONSET = 6.0  # squared deviations of a force, over σ², that no lasting error of a slip explains
 _SLIP_KNOWN = 0.02  # 1σ of a slip up to which the curve is a line over its width
 
 
@@ -128,7 +129,7 @@ class Wheels(eqx.Module):
         lasts = 2 * (own + (_SLIP_TIME[1] - own) * jnp.where(sure, shared, 0.0) + _SPLIT_TIME * lent)
         counts = jnp.maximum((lasts + 1 / anew[:, None]) / step, 1.0)
         y, Y, own = learn(y, Y, row, innovation, noise, counts)
-        likelihood = weigh(innovation, own, noise, counts)
+        likelihood = weigh(innovation, own, noise, counts, onset=_ONSET)
         jumps = slip_jump.evidence(
             jump, touch, turned, self.slip_stiffness, friction, bent, jnp.sqrt(floor), step
         )

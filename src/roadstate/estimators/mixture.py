@@ -12,7 +12,7 @@ from roadstate.linalg import root
 
 _ROBUST = 16.0  # squared deviations, over σ², from which on a sample counts less
 _FLAT = 1e-4  # curvature of a logarithm from which on a peak has a place between the grid's points
-_ONSET = 4.0  # squared deviations, over σ², that no lasting error explains
+_ONSET = 8.0  # squared deviations, over σ², that no lasting error explains, unless told
 
 
 def learn(
@@ -77,7 +77,14 @@ def follow(
     return x, P - gain[:, None] * (gain * jnp.where(either, 1 / swift, 1 / stays)), own
 
 
-def weigh(innovation: Array, own: Array, noise: Array, takes: Array, whole: Array | float = 0.0) -> Array:
+def weigh(
+    innovation: Array,
+    own: Array,
+    noise: Array,
+    takes: Array,
+    whole: Array | float = 0.0,
+    onset: float = _ONSET,
+) -> Array:
     """Log-likelihood (..., J) of a scalar measurement under each hypothesis.
 
     Args:
@@ -86,6 +93,7 @@ def weigh(innovation: Array, own: Array, noise: Array, takes: Array, whole: Arra
         noise: (..., J) variance of an independent sample.
         takes: how many samples make an independent one.
         whole: 0 to 1, how much of the likelihood's normalising factor counts.
+        onset: as :func:`tempered` takes it.
     """
     # What a state errs is no noise that many samples average out: a hypothesis that explains all by a state
     # far from its prior pays what the prior says of that, as in the evidence of a linear model.
@@ -93,10 +101,10 @@ def weigh(innovation: Array, own: Array, noise: Array, takes: Array, whole: Arra
     # The normalising factor counts while forces change. Without it a hypothesis that is unsure of its force
     # is never refuted, and friction comes out too high; while nothing changes, every hypothesis predicts
     # well, noises are but roughly known, and the surest, a tire that slides, would win by the factor alone.
-    return tempered(fresh, takes) - whole * 0.5 * jnp.log(own + noise) / takes
+    return tempered(fresh, takes, onset=onset) - whole * 0.5 * jnp.log(own + noise) / takes
 
 
-def tempered(far: Array, takes: Array, most: float = 1.0) -> Array:
+def tempered(far: Array, takes: Array, onset: float = _ONSET) -> Array:
     """Log-likelihood of a squared deviation over σ², with the tails of Student's t (4 degrees of freedom).
 
     One of so many samples makes an independent one, of fewer where an error is too large to last.
@@ -104,9 +112,9 @@ def tempered(far: Array, takes: Array, most: float = 1.0) -> Array:
     Args:
         far: squared deviation over σ².
         takes: how many samples make an independent one.
-        most: part of an independent one that a sample counts at most.
+        onset: squared deviation, over σ², from which on an error is too large to last.
     """
-    return -2.5 * jnp.log1p(far / 4.0) * jnp.minimum((1 + far / _ONSET) / takes, most)
+    return -2.5 * jnp.log1p(far / 4.0) * jnp.minimum((1 + far / onset) / takes, 1.0)
 
 
 def moments(x: Array, variance: Array, p: Array) -> tuple[Array, Array]:
