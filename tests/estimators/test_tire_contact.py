@@ -88,18 +88,21 @@ def test_tires_that_follow_where_they_point_slip_nowhere(vehicle: Vehicle, leans
     assert np.abs(np.asarray(slips)[begun]).max() < 1.5e-3
 
 
-def test_a_wheel_that_is_shaken_is_unsure_of_its_slip_where_that_turns_as_well(vehicle: Vehicle) -> None:
-    """It hops at 12 Hz for a quarter of a second: what lags is wrong by most where it changes fastest, and
-    at the turning points by what it has just been."""
+@pytest.mark.parametrize("amplitude", [0.2, 0.03])
+def test_a_wheel_that_hops_is_unsure_of_its_slip_where_that_turns_as_well(
+    vehicle: Vehicle, amplitude: float
+) -> None:
+    """At 12 Hz for a quarter of a second: what lags is wrong by most where it changes fastest, and at the
+    turning points by what it has just been. Not one that swings no more than on a road that begins."""
     time = jnp.arange(0, 2, DT)
     hops = (time > 1.0) & (time < 1.25)
-    swings = jnp.where(hops, 0.04 * jnp.sin(2 * np.pi * 12 * (time - 1)), 0.0)
+    swings = jnp.where(hops, amplitude * jnp.sin(2 * np.pi * 12 * (time - 1)), 0.0)
     slip = swings[:, None] * jnp.asarray([1.0, 0, 0, 0])
     touch = touched(TireContact(vehicle), vehicle, jnp.zeros((len(time), 4)), slip)
     unsure = np.asarray(touch.slip_std)
     within = unsure[np.asarray((time > 1.05) & (time < 1.25)), 0]
     assert within.max() > 3 * SLIP_ERROR
-    assert within.min() > 0.5 * within.max()
+    assert (within.min() > 0.5 * within.max()) == (amplitude > 0.1)
     # and is sure again soon after, as the others were all the while
     np.testing.assert_allclose(unsure[np.asarray(time < 1.0)], SLIP_ERROR, rtol=1e-6)
     np.testing.assert_allclose(unsure[np.asarray(time > 1.7), 0], SLIP_ERROR, rtol=0.01)

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 _SLIP_LAG = 0.025  # s by which force and slip are not of the same moment: 1σ
 _SWIFT_TIME = 0.05  # s for which a slip that has changed fast counts as one that still does
+_CALM = 0.2  # 1/s: how fast a slip may change without a bump
 _SENSED = 0.005  # s by which a signal is older than when it comes
 _USUAL = 0.0997  # variance that the low pass leaves of samples at 100 Hz, which other figures include
 _TEETH = 0.2  # rad/s: 1σ of a wheel's sample by teeth out of place
@@ -142,9 +143,10 @@ class TireContact(eqx.Module):
         ground = (speed - (late[SPIN] + WHEEL_DELAY) * accel - self.half_track * seen.smooth[YAW_RATE]) / turn
         ground = jnp.where(jnp.abs(ground) < 1.0, jnp.where(ground < 0, -1.0, 1.0), ground)
         slip = jnp.clip((radius * seen.smooth[SPIN] - ground) / jnp.abs(ground), -1.0, 10.0)
-        # a wheel that is shaken is no surer of its slip at the turning points
-        swift = ((slip - state.slip) / SMOOTHING) ** 2
-        swift = jnp.maximum(swift, state.swift * jnp.exp(-dt / _SWIFT_TIME))
+        # a wheel that hops is no surer of its slip at the turning points
+        square = ((slip - state.slip) / SMOOTHING) ** 2
+        fading = state.swift * jnp.exp(-dt / _SWIFT_TIME)
+        swift = jnp.maximum(square, fading - _CALM**2)
         slip_noise = self.white(seen) / jnp.abs(ground)
         stale = seen.age[SPIN] > STALE
         unknown = jnp.where(stale, jnp.inf, 0.0)
@@ -179,6 +181,6 @@ class TireContact(eqx.Module):
             across=state.across + keep * (across - state.across),
             along=state.along + keep * (along - state.along),
             slip=state.slip + keep * (slip - state.slip),
-            swift=swift,
+            swift=jnp.maximum(square, fading),
         )
         return memory, touch
