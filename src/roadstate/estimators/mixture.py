@@ -101,10 +101,10 @@ def weigh(
     # The normalising factor counts while forces change. Without it a hypothesis that is unsure of its force
     # is never refuted, and friction comes out too high; while nothing changes, every hypothesis predicts
     # well, noises are but roughly known, and the surest, a tire that slides, would win by the factor alone.
-    return tempered(fresh, takes, onset=onset) - whole * 0.5 * jnp.log(own + noise) / takes
+    return tempered(fresh, takes, onset) - whole * 0.5 * jnp.log(own + noise) / takes
 
 
-def tempered(far: Array, takes: Array, onset: float = _ONSET) -> Array:
+def tempered(far: Array, takes: Array, onset: float) -> Array:
     """Log-likelihood of a squared deviation over σ², with the tails of Student's t (4 degrees of freedom).
 
     One of so many samples makes an independent one, of fewer where an error is too large to last.
