@@ -130,6 +130,47 @@ class TestEngineAndGear:
         _, third = take(meter, state, gear_ratio=1.28)
         assert float(third.age) == pytest.approx(DT)
 
+    @pytest.mark.parametrize(
+        ("speed", "engine_speed", "slips"),
+        [
+            (1.0, 84.0, True),  # a clutch that bites
+            (0.0, 84.0, True),
+            (0.0, 0.0, False),  # an engine that has stopped
+            (15.0, 84.0, True),  # the pedal is down
+            (15.0, 15.0, False),  # as the gears turn
+            (3.0, 3.0, False),
+            (15.0, 16.0, False),  # as nearly as two sensors agree
+            (15.0, 19.0, True),  # a converter
+            (-2.0, 2.0, False),
+        ],
+    )
+    def test_an_engine_that_does_not_turn_as_the_gears_do_is_not_in_mesh(
+        self, vehicle: Vehicle, R: float, speed: float, engine_speed: float, slips: bool
+    ) -> None:
+        meter, gear = TractionMeter(vehicle, (*ENGINE, "engine_speed")), 3.62 if speed < 10 else 1.28
+        assert meter.source == "gear"
+        turns = gear * vehicle.driveline.final_drive / R
+        # less than 20: the speed at which the gears would turn so
+        told = engine_speed * turns if engine_speed < 20 else engine_speed
+        state = meter.init()._replace(since_shift=jnp.asarray(10.0), ratio=jnp.asarray(R * turns))
+        _, traction = take(meter, state, speed, engine_torque=20.0, gear_ratio=gear, engine_speed=told)
+        assert bool(traction.is_shifting) is slips
+
+    @pytest.mark.parametrize(
+        ("turning", "slips"), [(0.0, True), (90.0, True), (110.0, False), (400.0, False)]
+    )
+    def test_gears_that_turn_more_slowly_than_an_engine_idles_slip(
+        self, vehicle: Vehicle, R: float, turning: float, slips: bool
+    ) -> None:
+        """So they do where an engine's speed has been silent; a car of one gear has nothing that slips."""
+        total = 3.62 * vehicle.driveline.final_drive
+        one = changed(vehicle, gear_ratios=(3.62,))
+        for car, channels in ((vehicle, ENGINE), (vehicle, (*ENGINE, "engine_speed")), (one, ENGINE)):
+            meter = TractionMeter(car, channels)
+            state = meter.init()._replace(since_shift=jnp.asarray(10.0), ratio=jnp.asarray(total))
+            _, traction = take(meter, state, turning / total * R, engine_torque=20.0, gear_ratio=3.62)
+            assert bool(traction.is_shifting) is (slips and car is vehicle)
+
     def test_before_any_torque_nothing_is_known(self, meter: TractionMeter) -> None:
         assert float(once(meter, gear_ratio=1.28).age) > 1e5
 

@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 UNKNOWN = {"shift": 1.5, "brake": 6.0, "drive": 3.0}
 """m/s²/√Hz: intensity of a force that is not known."""
 _SLOWEST_RATIO = 2.0  # m/s: below it a ratio of two speeds says nothing
+_IDLE = 100.0  # rad/s: no engine that has gears turns more slowly, but its clutch or converter slips
+_APART = (3.0, 0.1)  # rad/s, and as a share, by which engine and gears differ where nothing slips
+_HEARD = 0.5  # s for which an engine's speed tells
 _SHIFT_TIME = 0.7  # s after a change of gear during which torque and inertia are not what they seem
 _RATIO_JUMP = 0.08  # relative change of ratio between samples that counts as another gear
 _RATIO_RATE = 0.35  # 1/s: relative rate of change of a measured ratio that means slip or a shift
@@ -108,7 +111,9 @@ class TractionMeter(eqx.Module):
     ``gear_ratio``; of a vehicle of one single ratio by itself; with ``engine_speed``, whose quotient with
     the wheel speed is the ratio in mesh (so that power, not the gear, is what must be known; negative in
     reverse). Efficiency counts both ways: it lessens the drive and adds to the drag of an overrun engine.
-    The engine's inertia follows the ratio.
+    The engine's inertia follows the ratio. Where clutch or converter slip, as when a car sets off, neither
+    is known: an ``engine_speed`` beside the gear tells so; without one they do, in a car of several gears,
+    where these turn more slowly than an engine idles.
 
     Attributes:
         channels: canonical channels read.
@@ -120,6 +125,7 @@ class TractionMeter(eqx.Module):
     source: str = eqx.field(static=True)
     _wheels: tuple[str, ...] = eqx.field(static=True)
     _measures_brakes: bool = eqx.field(static=True)
+    _has_gears: bool = eqx.field(static=True)
     _torque_noise: Float[Array, ""]
     _radius: Float[Array, ""]
     _mass: Float[Array, ""]
@@ -144,7 +150,8 @@ class TractionMeter(eqx.Module):
         elif "engine_torque" in available:
             self._torque_noise = jnp.asarray(vehicle.sensors.engine_torque.noise)
             if "gear_ratio" in available:
-                self.source, used = "gear", ("engine_torque", "gear_ratio")
+                speed = tuple(c for c in ("engine_speed",) if c in available)
+                self.source, used = "gear", ("engine_torque", "gear_ratio", *speed)
             elif len(ratios) == 1:
                 self.source, used = "single", ("engine_torque",)
             elif "engine_speed" in available:
@@ -173,6 +180,7 @@ class TractionMeter(eqx.Module):
         self._radius = jnp.asarray(vehicle.wheels.radius)
         self._mass = jnp.asarray(vehicle.effective_mass(0.0))
         self._engine_inertia = jnp.asarray(0.0 if self.source == "wheels" else driveline.engine_inertia)
+        self._has_gears = len(ratios) > 1
         self._efficiency = jnp.asarray(driveline.efficiency)
         self._final_drive = jnp.asarray(driveline.final_drive)
         self._single_ratio = jnp.asarray(ratios[0])
@@ -260,7 +268,7 @@ class TractionMeter(eqx.Module):
         if self.source == "gear":
             ratio = held["gear_ratio"].value * self._final_drive
             changed = jnp.abs(ratio - state.ratio) > _RATIO_JUMP * jnp.abs(state.ratio)
-            is_open = ratio == 0
+            is_open = (ratio == 0) | self._slips(held, jnp.abs(ratio * speed) / self._radius)
         else:
             # measured where both speeds are new; else the gear last seen is still in mesh
             new = (held["engine_speed"].age == 0) & (jnp.abs(speed) > _SLOWEST_RATIO)
@@ -274,6 +282,20 @@ class TractionMeter(eqx.Module):
             ratio = jnp.where(ratio < 0, -1.0, 1.0) * jnp.clip(jnp.abs(ratio), low, high)
         since = jnp.where(changed, 0.0, state.since_shift + dt)
         return ratio, since, is_open | (since < _SHIFT_TIME)
+
+    def _slips(self, held: dict[str, Held], turning: Float[Array, ""]) -> Bool[Array, ""]:
+        """Whether clutch or converter slip, so that the engine does not turn as the wheels make the gears.
+
+        Args:
+            held: the channels.
+            turning: how fast the gears turn on the engine's side, rad/s.
+        """
+        slips = (turning < _IDLE) & self._has_gears
+        if "engine_speed" not in held:
+            return slips
+        engine = held["engine_speed"]
+        apart = jnp.abs(jnp.abs(engine.value) - turning) > _APART[0] + _APART[1] * turning
+        return jnp.where(engine.age < _HEARD, apart, slips)
 
     def _brakes(self, held: dict[str, Held]) -> tuple[Float[Array, " 4"], Bool[Array, ""]]:
         """Known brake torques (N·m, ≥ 0) and whether pedal or pressure say that brakes act.
