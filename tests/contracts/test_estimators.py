@@ -158,7 +158,7 @@ class TestDeclaration:
 
     def test_before_the_first_sample(self, kind: type[Estimator[Any]], vehicle: Vehicle) -> None:
         estimator = build(kind.name, vehicle, MEASURED)
-        estimate = estimator.estimate(estimator.init())
+        estimate = eqx.filter_jit(lambda: estimator.estimate(estimator.init()))()
         assert unbounded(estimate.values) == set(estimate.std) <= set(QUANTITIES)
         assert all(np.isfinite(v) for v in estimate.values.values())
         assert all(np.isfinite(s) and s > 0 for s in estimate.std.values())

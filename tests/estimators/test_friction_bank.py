@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -30,18 +31,22 @@ def touch(along: float | list[float] = 0.0, slip: float | list[float] = 0.0) -> 
     )  # fmt: skip
 
 
+@eqx.filter_jit
+def stepped(bank: FrictionBank, state: BankState, here: Touch) -> BankState:
+    """After 10 ms."""
+    return bank.step(state, here, jnp.asarray(0.01))[0]
+
+
 class TestBank:
     def test_a_share_that_nothing_tells_is_no_news_at_every_sample(self, vehicle: Vehicle) -> None:
         """Of wheels that slide on .2 two seem to bear .05 more, two .05 less, 1σ of that being .06."""
-        bank, dt = FrictionBank(vehicle, ()), jnp.asarray(0.01)
+        bank = FrictionBank(vehicle, ())
         least = []
         for lasts in (0.0, 0.06):
             bears = touch([0.25, 0.25, 0.15, 0.15], 0.3)._replace(
                 along_std=jnp.full(4, 0.06), split_std=jnp.full(4, lasts)
             )
-            state, step = bank.init(), jax.jit(lambda s, t: bank.step(s, t, dt))
-            for _ in range(50):
-                state, _ = step(state, bears)
+            state = self.driven(bank, (0.5, bears))
             least.append(float(bank.quantiles(state, (0.05,))[0, 0]))
         assert least[1] < 0.19 < least[0]
 
@@ -57,11 +62,10 @@ class TestBank:
 
     def driven(self, bank: FrictionBank, *touches: tuple[float, Touch]) -> BankState:
         """The state after so many seconds of each."""
-        step = jax.jit(lambda s, t: bank.step(s, t, jnp.asarray(0.01))[0])
         state = bank.init()
         for seconds, here in touches:
             for _ in range(round(100 * seconds)):
-                state = step(state, here)
+                state = stepped(bank, state, here)
         return state
 
     @pytest.mark.parametrize("direction", [1.0, -1.0])
@@ -284,7 +288,7 @@ class TestBank:
 
     def test_weights_stay_a_distribution(self, vehicle: Vehicle) -> None:
         bank = FrictionBank(vehicle, ())
-        state, _ = bank.step(bank.init(), touch(0.5, 0.03), jnp.asarray(0.01))
+        state = self.driven(bank, (0.01, touch(0.5, 0.03)))
         total = np.asarray(state.weight).sum(axis=(0, 2))
         np.testing.assert_allclose(total, 1, rtol=1e-6)
 

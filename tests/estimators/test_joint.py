@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -93,7 +94,7 @@ def test_small_forces_are_told_by_torques_and_large_ones_by_the_accelerometer(
     """100 N are told by the one and 250 N by the other; 4.0 and 4.4 kN under brakes; and without torque."""
     log = lane_change[0][0]
     estimator = build("joint", vehicle, [c for c in log.available if c not in SATELLITE])
-    state = estimator.init()
+    state, estimate = estimator.init(), eqx.filter_jit(estimator.estimate)
 
     def front(told: float, along: float, brake: float, age: float = 0.0) -> float:
         both, axle = jnp.asarray([1.0, 1.0, 0.0, 0.0]), jnp.asarray([2.0, 0.0])
@@ -108,7 +109,7 @@ def test_small_forces_are_told_by_torques_and_large_ones_by_the_accelerometer(
             intensity=jnp.asarray(0.02),
             age=jnp.asarray(age),
         )
-        values = estimator.estimate(state._replace(latest=forces)).values
+        values = estimate(state._replace(latest=forces)).values
         return float(values["force_x_front"])
 
     gentle = front(50.0, 125.0, 0.0)
@@ -125,8 +126,8 @@ def test_the_first_sample_of_a_car_on_the_move_is_not_that_of_one_held_by_brakes
     channels = dict.fromkeys(torques, 0.0) | driven | wheels | {"accel_x": -0.4, "yaw_rate": 0.0}
     estimator = build("joint", vehicle, list(channels))
     sample = {c: jnp.asarray(channels[c]) for c in estimator.channels}
-    state, _ = estimator.step(estimator.init(), sample, jnp.zeros(()))
-    said = estimator.estimate(state)
+    state, _ = eqx.filter_jit(estimator.step)(estimator.init(), sample, jnp.zeros(()))
+    said = eqx.filter_jit(estimator.estimate)(state)
     rolls = vehicle.rolling_resistance.coefficient * GRAVITY * vehicle.mass / 2
     assert float(said.values["force_x_front"]) == pytest.approx(
         200.0 / vehicle.wheels.radius - rolls, rel=0.25

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -95,7 +96,7 @@ def tellings(
         now_rate=zero, shaken=jnp.zeros(2), is_faulty=jnp.zeros(8, bool),
     )  # fmt: skip
     four, one = jnp.zeros(4), jnp.zeros(())
-    return redundancy.tell(
+    return eqx.filter_jit(redundancy.tell)(
         seen, ForceMeter(vehicle, channels).nothing(), Held.empty(), one, four, four, jnp.asarray(slides),
         jnp.asarray(SPEED), jnp.asarray(velocity_y), jnp.asarray(0.01),
     )  # fmt: skip

@@ -307,10 +307,10 @@ def test_lateral_forces_come_after_the_relaxation_length(truck: Vehicle, exact: 
             std=jnp.full(7, 0.01),
             age=jnp.zeros(()),
         )
-        state, dt = forces.init(), jnp.asarray(0.006)
+        state, dt, step = forces.init(), jnp.asarray(0.006), eqx.filter_jit(forces.step)
         for _ in range(10):  # 0.6 m
-            _, state, *_ = forces.step(state, still, None, jnp.full(4, FRICTION), dt)
-        steady = forces.direct(still, jnp.full(4, FRICTION)).force
+            _, state, *_ = step(state, still, None, jnp.full(4, FRICTION), dt)
+        steady = eqx.filter_jit(forces.direct)(still, jnp.full(4, FRICTION)).force
         built = 1 - np.exp(-0.6 / truck.tires.relaxation_length) if relaxes else 1.0
         np.testing.assert_allclose(forces.forces(state)[4:6], built * steady[4:6], rtol=1e-6)
         assert abs(steady[4]) > 1e3
