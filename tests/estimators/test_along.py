@@ -40,7 +40,8 @@ def given(speed: Numbers, accel: Numbers, slip: Numbers) -> AlongInput:
         accel=zero + accel, by_torque=zero > 0, gaining=zero + accel, lean=zero + accel,
         lasting=zero + accel, drive=zero, brake=zero, rolling=zero, lever=zero,
         speed=zero + speed, passing=zero + speed, intensity=zero + 0.02, smooth_across=zero,
-        turning=zero, pitching=Pitching(zero, zero), slip=jnp.full(4, slip), sensor_std=jnp.full(4, NOISE),
+        turning=zero, pitching=Pitching(zero, zero), slip=jnp.full(4, slip), loaded=zero,
+        sensor_std=jnp.full(4, NOISE),
     )  # fmt: skip
 
 

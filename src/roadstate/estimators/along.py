@@ -18,11 +18,12 @@ from roadstate.core.gaussian import Gaussian
 from roadstate.estimators.air import Air
 from roadstate.estimators.base import leaf
 from roadstate.estimators.intake import WHEEL_SPEEDS
+from roadstate.estimators.loading import Loading
 from roadstate.estimators.pitch import Pitching
 from roadstate.estimators.road import GradePrior
 from roadstate.estimators.signals import way
 from roadstate.estimators.tire_forces import BRAKE_RELATIVE
-from roadstate.linalg import root
+from roadstate.linalg import root, rss
 from roadstate.statespace import StateSpaceModel
 
 if TYPE_CHECKING:
@@ -61,6 +62,7 @@ class AlongInput(NamedTuple):
         smooth_across: low-passed specific force across, freed of roll, m/s².
         turning: yaw rate, rad/s.
         pitching: what turns the body's attitude.
+        loaded: 1σ of what has just changed the mass, as a share.
         slip: (4,) what the force of each wheel makes it slip.
         sensor_std: (m,) 1σ of a sample.
     """
@@ -80,6 +82,7 @@ class AlongInput(NamedTuple):
     smooth_across: Float[Array, ""]
     turning: Float[Array, ""]
     pitching: Pitching
+    loaded: Float[Array, ""]
     slip: Float[Array, " 4"]
     sensor_std: Float[Array, " m"]
 
@@ -276,6 +279,9 @@ class AlongModel(StateSpaceModel):
     def sqrt_Q(self, u: AlongInput, dt: Float[Array, ""]) -> Float[Array, "n n"]:
         """White acceleration, the road, and what slowly forgets."""
         slow = root(-jnp.expm1(-2 * dt * self._fades(u)))[:, None] * self.slow_factor
+        if "mass" in self.states:
+            at = self.place("mass") - 3
+            slow = slow.at[at, at].set(rss(slow[at, at], u.loaded))
         blocks = [u.intensity[None, None] * root(dt), self.road.sqrt_Q(u.passing * dt), slow]
         if "attitude" in self.states:
             blocks.append(u.pitching.intensity[None, None] * root(dt))
@@ -288,6 +294,26 @@ class AlongModel(StateSpaceModel):
             wander = self.wander[0] * root(-jnp.expm1(-2 * dt / self.wander[1]))
             blocks.append(jnp.diag(jnp.stack([height, wander])))
         return jnp.asarray(jsl.block_diag(*blocks))
+
+    def loading(
+        self, before: Loading, old: Gaussian, new: Gaussian, u: AlongInput, dt: Float[Array, ""]
+    ) -> Loading:
+        """Whether the mass is another since the car last stood; nothing where torques tell of none.
+
+        Args:
+            before: the same a sample ago.
+            old: states after the sample before.
+            new: states after this one.
+            u: what is known of it.
+            dt: s.
+        """
+        if "mass" not in self.states:
+            return before
+        at = self.place("mass")
+        keeps = jnp.exp(-dt / _LASTING)
+        fresh = (1 - keeps**2) * self.slow_factor[at - 3, at - 3] ** 2 + u.loaded**2
+        predicted = keeps * old.mean[at], keeps**2 * jnp.sum(old.factor[at] ** 2) + fresh
+        return before.take(predicted, (new.mean[at], jnp.sum(new.factor[at] ** 2)), new.mean[SPEED], dt)
 
     def sqrt_R(self, u: AlongInput) -> Float[Array, "m m"]:
         """Independent sensors."""

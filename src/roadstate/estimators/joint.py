@@ -39,6 +39,7 @@ from roadstate.estimators.intake import (
     sensor_fault_names,
 )
 from roadstate.estimators.joint_output import told, validity_of
+from roadstate.estimators.loading import Loading
 from roadstate.estimators.noise_learning import Unrest
 from roadstate.estimators.pitch import PitchMeter, PitchState
 from roadstate.estimators.plausibility import TORQUE, Plausibility, PlausibilityState
@@ -78,7 +79,7 @@ class JointState(NamedTuple):
 
     Attributes:
         watch, signals, direction, radii, trust, forces, rims, along, contact, bank, pitch, roll, unrest,
-            shortfall: the parts'.
+            loading, shortfall: the parts'.
         speed_age: s since anything told the speed.
         against: samples of the speed signal, in a row, that the wheels confirm and the filter contradicts;
             or how many of them wheels that roll freely are worth.
@@ -103,6 +104,7 @@ class JointState(NamedTuple):
     pitch: PitchState
     roll: RollState
     unrest: Unrest
+    loading: Loading
     shortfall: Shortfall
     speed_age: Float[Array, ""]
     against: Float[Array, ""]
@@ -230,6 +232,7 @@ class Joint(Estimator[JointState]):
             pitch=self.pitch.init(),
             roll=self.roll.init(),
             unrest=self.inputs.start(),
+            loading=Loading.none(),
             shortfall=Shortfall.none(),
             speed_age=zero + NEVER,
             against=zero,
@@ -293,6 +296,7 @@ class Joint(Estimator[JointState]):
             moves = along.gaussian.mean[SPEED], u.smooth_across, excused
             pitch = self.pitch.judge(pitch, *seems, pull, *moves, dt)
         unrest = self.inputs.learn(state, info, u, forces, dt)
+        loading = self.along.loading(state.loading, state.along.gaussian, along.gaussian, u, dt)
         shortfall = self.inputs.falls_short(state.shortfall, info, u, forces, dt)
         speed = along.gaussian.mean[SPEED]
         rolling = self.along.rolling(along.gaussian, speed)
@@ -353,8 +357,8 @@ class Joint(Estimator[JointState]):
         friction = once(self._friction(bank))
         new = JointState(
             watch, held, direction, radii, trust, meter, rims, along, contact, bank, pitch, roll,
-            unrest, shortfall, speed_age, jnp.where(lost, 0.0, against), doubt, fault_age, forces, friction,
-            state.validity,
+            unrest, loading, shortfall, speed_age, jnp.where(lost, 0.0, against), doubt, fault_age, forces,
+            friction, state.validity,
         )  # fmt: skip
         validity = validity_of(self, new, self._faults(new), info.ok)
         info = eqx.tree_at(lambda i: i.log_likelihood, info, info.log_likelihood + likelihood)
