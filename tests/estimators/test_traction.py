@@ -131,29 +131,29 @@ class TestEngineAndGear:
         assert float(third.age) == pytest.approx(DT)
 
     @pytest.mark.parametrize(
-        ("speed", "engine_speed", "slips"),
+        ("speed", "share", "more", "slips"),
         [
-            (1.0, 84.0, True),  # a clutch that bites
-            (0.0, 84.0, True),
-            (0.0, 0.0, False),  # an engine that has stopped
-            (15.0, 84.0, True),  # the pedal is down
-            (15.0, 15.0, False),  # as the gears turn
-            (3.0, 3.0, False),
-            (15.0, 16.0, False),  # as nearly as two sensors agree
-            (15.0, 19.0, True),  # a converter
-            (-2.0, 2.0, False),
+            (1.0, 0.0, 84.0, True),  # a clutch that bites
+            (0.0, 0.0, 84.0, True),
+            (0.0, 0.0, 0.0, False),  # an engine that has stopped
+            (15.0, 0.0, 84.0, True),  # the pedal is down
+            (15.0, 1.0, 0.0, False),
+            (3.0, 1.0, 0.0, False),
+            (15.0, 1.06, 0.0, False),  # as nearly as two sensors agree
+            (15.0, 1.3, 0.0, True),  # a converter
+            (-2.0, 1.0, 0.0, False),
         ],
     )
     def test_an_engine_that_does_not_turn_as_the_gears_do_is_not_in_mesh(
-        self, vehicle: Vehicle, R: float, speed: float, engine_speed: float, slips: bool
+        self, vehicle: Vehicle, R: float, speed: float, share: float, more: float, slips: bool
     ) -> None:
+        """Its speed is a share of that of the gears, and so many rad/s more."""
         meter, gear = TractionMeter(vehicle, (*ENGINE, "engine_speed")), 3.62 if speed < 10 else 1.28
         assert meter.source == "gear"
-        turns = gear * vehicle.driveline.final_drive / R
-        # less than 20: the speed at which the gears would turn so
-        told = engine_speed * turns if engine_speed < 20 else engine_speed
-        state = meter.init()._replace(since_shift=jnp.asarray(10.0), ratio=jnp.asarray(R * turns))
-        _, traction = take(meter, state, speed, engine_torque=20.0, gear_ratio=gear, engine_speed=told)
+        total = gear * vehicle.driveline.final_drive
+        engine = share * total * abs(speed) / R + more
+        state = meter.init()._replace(since_shift=jnp.asarray(10.0), ratio=jnp.asarray(total))
+        _, traction = take(meter, state, speed, engine_torque=20.0, gear_ratio=gear, engine_speed=engine)
         assert bool(traction.is_shifting) is slips
 
     @pytest.mark.parametrize(
