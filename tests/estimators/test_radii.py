@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from roadstate.core import WHEELS, Estimates, Log
 from roadstate.core.constants import GRAVITY
 from roadstate.estimators import build
-from roadstate.estimators.intake import ACCEL_Y, SPIN, WHEEL_SPEEDS, Signals
+from roadstate.estimators.intake import ACCEL_Y, SPIN, WHEEL_SPEEDS, YAW_RATE, Signals
 from roadstate.estimators.radii import Radii, RadiiState
+from roadstate.estimators.signals import NEVER
 from roadstate.run import batch
 from roadstate.vehicles import Vehicle
 
@@ -30,14 +31,21 @@ FASTER = np.array([0.0, 0.01, -0.02, 0.03])
 
 
 def signals(
-    radii: Radii, rim: Array, *, across: float = 0.0, steer: float = 0.0, age: float = 0.0
+    radii: Radii,
+    rim: Array,
+    *,
+    across: float = 0.0,
+    steer: float = 0.0,
+    age: float = 0.0,
+    blind: bool = False,
 ) -> Signals:
-    """Of wheels that roll at so many m/s each, as the file's radius has it."""
+    """Of wheels that roll at so many m/s each, as the file's radius has it; ``blind``: of nothing else."""
     smooth = np.zeros(8)
     smooth[ACCEL_Y], smooth[SPIN] = across, rim / float(radii.radius)
     now, zero = jnp.asarray(smooth), jnp.zeros(8)
+    others = zero.at[np.array([ACCEL_Y, YAW_RATE])].set(NEVER if blind else 0.0)
     return Signals(
-        value=now, age=zero + age, is_fresh=jnp.ones(8, bool), smooth=now, rate=zero, lag=zero, noise=zero,
+        value=now, age=age + others, is_fresh=jnp.ones(8, bool), smooth=now, rate=zero, lag=zero, noise=zero,
         now=now, now_rate=zero, shaken=jnp.zeros(2), is_faulty=jnp.zeros(8, bool),
     )  # fmt: skip
 
@@ -105,6 +113,19 @@ def test_a_bend_is_no_difference(vehicle: Vehicle) -> None:
     np.testing.assert_allclose(
         np.asarray(learned(radii, rim, 10.0, turning=turning, across=1.5).faster), 0.0, atol=1e-6
     )
+
+
+@pytest.mark.parametrize("rear", [0.0, 0.01])
+def test_nor_is_one_that_only_wheels_tell(vehicle: Vehicle, rear: float) -> None:
+    """What differs from side to side is a bend then; from axle to axle it is a radius all the same."""
+    radii = Radii(vehicle, WHEEL_SPEEDS)
+    rim = 15.0 * (1 + np.array([0.0, 0.0, rear, rear]))
+    straight, bend = (
+        np.asarray(learned(radii, rim - np.asarray(radii.half_track) * turning, 20.0, blind=True).faster)
+        for turning in (0.0, 0.12)
+    )
+    np.testing.assert_allclose(bend, straight, atol=1e-4)
+    np.testing.assert_allclose(bend[2:] - bend[:2], rear, atol=5e-4)
 
 
 @pytest.mark.parametrize(

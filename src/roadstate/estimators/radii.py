@@ -13,7 +13,16 @@ from jaxtyping import Array, Bool, Float
 from roadstate.core.constants import GRAVITY
 from roadstate.estimators.axle_forces import steered_cosines
 from roadstate.estimators.base import leaf
-from roadstate.estimators.intake import ACCEL_Y, SMOOTHING, SPIN, STALE, STEER, WHEEL_SPEEDS, Signals
+from roadstate.estimators.intake import (
+    ACCEL_Y,
+    SMOOTHING,
+    SPIN,
+    STALE,
+    STEER,
+    WHEEL_SPEEDS,
+    YAW_RATE,
+    Signals,
+)
 from roadstate.estimators.redundancy import inner_mean
 from roadstate.linalg import rss
 
@@ -30,6 +39,7 @@ _OF_TURN = 0.004  # m/s: 1σ of what the yaw rate's error does to a wheel's spee
 _OF_STEER = 0.2  # 1σ, over the square of the steering angle
 _ROLLS = 0.004  # slip that a wheel's force makes, of wheels that roll nearly freely
 _COASTS = 0.5  # m/s² along that a car has which nothing brakes or drives
+_LEAST_LEVER = 1e-3  # m²: wheels of one side tell of no turn
 _STRAIGHT = 2.5  # m/s² across
 _ALIKE = 0.8  # m/s² by which that and the yaw rate's may differ: roads bank
 _SLOWEST = 4.0  # m/s
@@ -104,6 +114,12 @@ class Radii(eqx.Module):
         """Signals with wheels that turn as if all radii were alike."""
         return seen.scaled(jnp.ones(8).at[SPIN].set(1 / (1 + state.faster)))
 
+    def _turns(self, rim: Float[Array, " 4"], told: Bool[Array, " 4"]) -> Float[Array, ""]:
+        """Yaw rate that the wheels ``told`` have by themselves, by least squares, rad/s."""
+        centre = jnp.sum(jnp.where(told, self.half_track, 0.0)) / jnp.maximum(jnp.sum(told), 1)
+        lever = jnp.where(told, self.half_track - centre, 0.0)
+        return -jnp.sum(lever * rim) / jnp.maximum(jnp.sum(lever**2), _LEAST_LEVER)
+
     def learn(
         self,
         state: RadiiState,
@@ -123,7 +139,7 @@ class Radii(eqx.Module):
             slip: (4,) what the forces along make wheels slip.
             felt: specific force along, m/s², where brakes may act of which nobody knows what each wheel gets;
                 0 elsewhere.
-            turning: yaw rate, rad/s.
+            turning: yaw rate, rad/s; where nothing tells of one, what differs from side to side is one.
             steps: (4,) in which the wheels' speeds come, rad/s.
             noise: (4,) 1σ of white noise in their low-passed speeds, m/s.
             dt: s.
@@ -132,7 +148,10 @@ class Radii(eqx.Module):
         angle = jnp.where(seen.age[STEER] < STALE, jnp.clip(seen.smooth[STEER], -0.9, 0.9), 0.0)
         turn = steered_cosines(jnp.cos(angle))
         spin = self.radius * seen.smooth[SPIN]
-        rim = spin / (1 + slip * jnp.sign(spin)) * turn + self.half_track * turning
+        rim = spin / (1 + slip * jnp.sign(spin)) * turn
+        is_told = jnp.minimum(seen.age[YAW_RATE], seen.age[ACCEL_Y]) < STALE
+        turning = jnp.where(is_told, turning, self._turns(rim, told))
+        rim = rim + self.half_track * turning
         middle, _, count = inner_mean(rim, told)
         moves = jnp.abs(middle) > _SLOWEST
         apart = rim / jnp.where(moves, middle, 1.0) - 1
