@@ -126,3 +126,20 @@ def test_the_mass_is_another_ten_seconds_after_the_stop(
     assert widens[log.time[1:] > 2 * ROUND].any() == (load != 0)
     assert not widens[before[1:]].any()
     assert found.metadata.get("faults", []) == []
+
+
+@pytest.mark.parametrize("load", [0.0, 0.25])
+def test_nor_is_it_a_brake_that_no_channel_tells_of(
+    vehicle: Vehicle, drive: Callable[..., Log], load: float
+) -> None:
+    """Who pulls does not brake; who brakes does, all the same."""
+    log = told(vehicle, drive, load, seed=4)
+    log = log.select([c for c in log.channels if "brake" not in c])
+    found = scan(build("joint", vehicle, log.available), log)
+    mass, std = found.values["mass"], found.std["mass"]
+    late = log.time > 2 * ROUND + PHASES[0][0] + 10
+    true = (1 + load) * vehicle.mass
+    assert (np.abs(mass - true)[late] < 2 * std[late]).all()
+    assert np.abs(mass / true - 1)[late].max() < 0.05
+    error = np.abs(found.values["grade"] - log["ref_grade"])
+    assert (error < 2.5 * found.std["grade"])[log.time > PHASES[0][0]].mean() > 0.95

@@ -115,14 +115,18 @@ class AlongIntake(eqx.Module):
         return self.learner.learn(unrest, info.innovation[rows], stated, usual, dt)
 
     def falls_short(
-        self, before: Shortfall, info: Info, u: AlongInput, forces: AxleForces, dt: Array
+        self, state: JointState, info: Info, u: AlongInput, forces: AxleForces, dt: Array
     ) -> Shortfall:
-        """What traction's innovation says of brakes that no channel tells of; nothing if one does."""
+        """What traction's innovation says of brakes that no channel tells of; nothing if one does.
+
+        Who pulls away with less than foreseen has got in more than has been learnt yet, rather than brakes.
+        """
         if not self.watches_brakes:
-            return before
+            return state.shortfall
         row = self.sensors.index("traction")
-        std = root(jnp.maximum(info.S[row, row] - u.sensor_std[row] ** 2, 0.0) + forces.held**2)
-        return before.take(info.innovation[row], std, way(u.speed), dt)
+        load = state.loading.unsure * jnp.maximum(u.drive * way(u.speed), 0.0)
+        std = root(jnp.maximum(info.S[row, row] - u.sensor_std[row] ** 2, 0.0) + forces.held**2 + load**2)
+        return state.shortfall.take(info.innovation[row], std, way(u.speed), dt)
 
     def white(self, unrest: Unrest, forces: AxleForces) -> Float[Array, " 3"]:
         """White error of the accelerometer, of what torques tell of the wheels, and of wind, m/s²/√Hz.

@@ -297,7 +297,7 @@ class Joint(Estimator[JointState]):
             pitch = self.pitch.judge(pitch, *seems, pull, *moves, dt)
         unrest = self.inputs.learn(state, info, u, forces, dt)
         loading = self.along.loading(state.loading, state.along.gaussian, along.gaussian, u, dt)
-        shortfall = self.inputs.falls_short(state.shortfall, info, u, forces, dt)
+        shortfall = self.inputs.falls_short(state, info, u, forces, dt)
         speed = along.gaussian.mean[SPEED]
         rolling = self.along.rolling(along.gaussian, speed)
         gain = self.along.speeds_up(along.gaussian.mean, u)

@@ -43,6 +43,11 @@ class Loading(NamedTuple):
         zero = jnp.zeros(())
         return cls(zero, zero + _TOLD, zero, zero, zero)
 
+    @property
+    def unsure(self) -> Float[Array, ""]:
+        """1σ of a load, as a share of the mass, that may have come at the last stop and not yet shown."""
+        return jnp.where(self.since < _TOLD, _LOAD, 0.0)
+
     def take(
         self,
         predicted: tuple[Float[Array, ""], Float[Array, ""]],
