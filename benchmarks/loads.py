@@ -8,12 +8,11 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 from benchmarks.accuracy.measures import interval
 from benchmarks.accuracy.run import without
-from benchmarks.accuracy.scenarios import SCENARIOS, VEHICLES, Scenario, driven
+from benchmarks.accuracy.scenarios import VEHICLES, Scenario, driven, in_town
 from benchmarks.drawn.__main__ import LACKING
 from benchmarks.real_logs import table
 
@@ -23,8 +22,6 @@ from roadstate.estimators import build
 from roadstate.papers.base import MISMATCHED
 from roadstate.papers.plants import told
 from roadstate.run import batch
-from roadstate.sim.manoeuvres import Manoeuvre, Script
-from roadstate.sim.manoeuvres.script import STEP
 from roadstate.sim.run import truth_table
 from roadstate.sim.sensors import measure, sensor_preset, to_log
 from roadstate.vehicles import Vehicle, load_vehicle
@@ -36,12 +33,6 @@ _STILL = 0.02  # m/s
 _AFTER = (10.0, 30.0, 60.0)  # s of driving on
 _FILES = 4
 _CHANNELS = ("bus", "engine", "no brakes")
-
-
-def _town(vehicle: Vehicle) -> Manoeuvre:
-    """The first minutes of the drive in town."""
-    whole = SCENARIOS["urban"].prepare(vehicle)
-    return replace(whole, script=Script(whole.script.table[: round(_SECONDS / STEP) + 1]))
 
 
 def loaded(vehicle: Vehicle, load: float) -> Vehicle:
@@ -92,7 +83,10 @@ def judged(said: list[Estimates], logs: list[Log], mass: float, moves: float) ->
 
 def study() -> Iterator[tuple[str, str, dict[str, float]]]:
     """Row after row: channels, then load and car."""
-    town, sensors = Scenario("town", "town", _town, is_long=True), sensor_preset("automotive")
+    town, sensors = (
+        Scenario("town", "four minutes in town", in_town(_SECONDS), is_long=True),
+        sensor_preset("automotive"),
+    )
     for vehicle in VEHICLES:
         car = load_vehicle(vehicle)
         files = [told(car, MISMATCHED, seed) for seed in range(_FILES)]

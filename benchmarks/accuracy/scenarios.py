@@ -176,10 +176,14 @@ def named(name: str, **options: float) -> Callable[[Vehicle], Manoeuvre]:
     return lambda vehicle: manoeuvre(name).prepare(vehicle, **options)
 
 
-def _urban(vehicle: Vehicle) -> Manoeuvre:
-    """The first ten minutes of the drive in town."""
-    whole = manoeuvre("urban-drive").prepare(vehicle, friction=0.8)
-    return replace(whole, script=Script(whole.script.table[: round(600.0 / STEP) + 1]))
+def in_town(seconds: float) -> Callable[[Vehicle], Manoeuvre]:
+    """So much of the drive in town, from its beginning, for a :class:`Scenario`."""
+
+    def prepare(vehicle: Vehicle) -> Manoeuvre:
+        whole = manoeuvre("urban-drive").prepare(vehicle, friction=0.8)
+        return replace(whole, script=Script(whole.script.table[: round(seconds / STEP) + 1]))
+
+    return prepare
 
 
 def straight_ahead(
@@ -253,7 +257,7 @@ def _all() -> dict[str, Scenario]:
     for name in ("split-road", "split-road-braking"):
         title = manoeuvre(name).summary
         found.append(Scenario(name, title, named(name, friction=0.8)))
-    found.append(Scenario("urban", "ten minutes in town on 0.8", _urban, is_long=True))
+    found.append(Scenario("urban", "ten minutes in town on 0.8", in_town(600.0), is_long=True))
     return {s.name: s for s in found}
 
 
