@@ -234,6 +234,14 @@ class AlongModel(StateSpaceModel):
             rate = rate.at[self.place("wind") - 3].add(jnp.abs(u.turning) / _WIND[1])
         return rate
 
+    def _slow_noise(self, u: AlongInput, dt: Float[Array, ""]) -> Float[Array, "k k"]:
+        """Factor of what slow states change by, and of a load that has just come."""
+        slow = root(-jnp.expm1(-2 * dt * self._fades(u)))[:, None] * self.slow_factor
+        if "mass" not in self.states:
+            return slow
+        at = self.place("mass") - 3
+        return slow.at[at, at].set(rss(slow[at, at], u.loaded))
+
     def speeds_up(self, x: Float[Array, " n"], u: AlongInput) -> Float[Array, ""]:
         """dv_x/dt, m/s²: by the accelerometer, or by torques and what has been learnt of those."""
         return u.accel - x[SLOPE] + jnp.where(u.by_torque, self.torque_error(x, u), -self.accel_error(x, u))
@@ -278,11 +286,11 @@ class AlongModel(StateSpaceModel):
 
     def sqrt_Q(self, u: AlongInput, dt: Float[Array, ""]) -> Float[Array, "n n"]:
         """White acceleration, the road, and what slowly forgets."""
-        slow = root(-jnp.expm1(-2 * dt * self._fades(u)))[:, None] * self.slow_factor
-        if "mass" in self.states:
-            at = self.place("mass") - 3
-            slow = slow.at[at, at].set(rss(slow[at, at], u.loaded))
-        blocks = [u.intensity[None, None] * root(dt), self.road.sqrt_Q(u.passing * dt), slow]
+        blocks = [
+            u.intensity[None, None] * root(dt),
+            self.road.sqrt_Q(u.passing * dt),
+            self._slow_noise(u, dt),
+        ]
         if "attitude" in self.states:
             blocks.append(u.pitching.intensity[None, None] * root(dt))
         if "altitude" in self.states:
@@ -310,8 +318,8 @@ class AlongModel(StateSpaceModel):
         if "mass" not in self.states:
             return before
         at = self.place("mass")
-        keeps = jnp.exp(-dt / _LASTING)
-        fresh = (1 - keeps**2) * self.slow_factor[at - 3, at - 3] ** 2 + u.loaded**2
+        keeps = jnp.exp(-dt * self._fades(u)[at - 3])
+        fresh = jnp.sum(self._slow_noise(u, dt)[at - 3] ** 2)
         predicted = keeps * old.mean[at], keeps**2 * jnp.sum(old.factor[at] ** 2) + fresh
         return before.take(predicted, (new.mean[at], jnp.sum(new.factor[at] ** 2)), new.mean[SPEED], dt)
 
