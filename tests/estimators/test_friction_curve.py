@@ -54,14 +54,17 @@ def test_slopes_are_those_of_the_force() -> None:
     assert float(here.across_by_shape) == pytest.approx(float(by_shape), rel=1e-4)
 
 
-@pytest.mark.parametrize("reach", [0.3, 1.0, 4.0])
+@pytest.mark.parametrize("reach", [0.0, 0.2, 0.3, 1.0, 4.0])
 def test_a_chord_leads_from_the_slip_there_is_to_the_force_there_is(reach: float) -> None:
-    """From a slip next to the peak, or beyond it; and of a force that is next to it, none does."""
+    """From a slip before it, at it, next to the peak, or beyond; of a force next to that, it is a tangent."""
     friction, shape, zero = jnp.asarray(0.5), jnp.asarray(1.45), jnp.zeros(())
-    there, here = jnp.asarray(0.2), bounded(zero, jnp.asarray(reach), friction, shape).across
+    there, here = jnp.asarray(0.2), bounded(zero, jnp.asarray(reach), friction, shape)
+    by_slip, told = float(here.across_by_angle), float(here.across)
     force = bounded(zero, there, friction, shape).across
     bent = elastic(force, friction, shape)
     assert float(bent) == pytest.approx(0.2, rel=1e-5)
-    slope = float(chord(jnp.asarray(reach), here, bent, force, friction))
-    assert slope == pytest.approx(float(here - force) / (reach - 0.2), rel=1e-5)
-    assert chord(jnp.asarray(reach), here, bent, 0.96 * friction, friction) == 0
+    slope = float(chord(jnp.asarray(reach), here.across, here.across_by_angle, bent, force, friction))
+    mean = by_slip if reach == 0.2 else (told - float(force)) / (reach - 0.2)
+    assert slope == pytest.approx(mean, rel=1e-3)
+    limit = 0.96 * friction
+    assert chord(jnp.asarray(reach), here.across, here.across_by_angle, bent, limit, friction) == by_slip

@@ -269,7 +269,7 @@ class FrictionBank(eqx.Module):
         # at a crawl, over all that v_y could be, the curve has no one slope
         measured = touch.across[axle]
         bent = elastic(measured, self.friction, self.wheels.shape + x[SHAPE])
-        slope = chord(linear, here.across, bent, measured, self.friction)
+        slope = chord(linear, here.across, here.across_by_angle, bent, measured, self.friction)
         crawls = jnp.clip((_CRAWL - speed) / (_CRAWL - SLOWEST), 0.0, 1.0)
         wide = crawls * unsure * (stiffness / speed) ** 2
         steeper = jnp.maximum(slope - here.across_by_angle, 0.0) * wide / (wide + self.friction**2)

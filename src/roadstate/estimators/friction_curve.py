@@ -10,6 +10,7 @@ from roadstate.estimators.trigonometry import arcsin, arctan, sin_cos
 from roadstate.tires.smooth import Numbers
 
 _LEAST = 1e-6  # of a normalised slip: below it the curve is its tangent
+_CLOSE = 1e-4  # of c σ: two that are no farther apart have the tangent for a chord
 _SHAPES = (1.4, 0.4)  # shape factors there are: middle and half range
 _TOP = 0.95  # share of the friction from which on a force hardly tells the slip
 
@@ -96,20 +97,25 @@ def elastic(force: Numbers, friction: Numbers, shape: Numbers) -> Numbers:
     return jnp.sign(force) * friction * factor * sine / cosine
 
 
-def chord(linear: Numbers, told: Numbers, bent: Numbers, force: Numbers, friction: Numbers) -> Numbers:
+def chord(
+    linear: Numbers, told: Numbers, slope: Numbers, bent: Numbers, force: Numbers, friction: Numbers
+) -> Numbers:
     """Mean slope, over c, of the curve from the slip there is to the one that goes with the force there is.
 
-    Next to its peak a curve is flat, and yet no slip there goes with half the force.
+    Next to its peak a curve is flat, and yet no slip there goes with half the force. Where it is steep, a
+    slip that is too small for the force is as unlikely as one too large by as much. So a force's distance
+    from the curve, over this slope, is a slip's distance from it, whatever the hypothesis.
 
     Args:
         linear: c σ of a slip, at which the curve has
-        told: so much force over load.
+        told: so much force over load, and
+        slope: the slope ∂told/∂σ over c, which comes of a force that hardly tells the slip.
         bent: :func:`elastic` of
-        force: F/F_z measured; 0 comes of one that hardly tells the slip.
+        force: F/F_z measured.
         friction: μ.
     """
-    apart = jnp.maximum(jnp.abs(linear - bent), _LEAST)
-    return jnp.where(jnp.abs(force) < _TOP * friction, jnp.abs(told - force) / apart, 0.0)
+    mean = (jnp.abs(told - force) + _CLOSE * slope) / (jnp.abs(linear - bent) + _CLOSE)
+    return jnp.where(jnp.abs(force) < _TOP * friction, mean, slope)
 
 
 def theoretical_slip(slip: Numbers) -> Numbers:

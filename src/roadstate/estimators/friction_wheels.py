@@ -102,17 +102,19 @@ class Wheels(eqx.Module):
             step: s since the last sample.
         """
         aside = Aside(*(jnp.repeat(part, 2, axis=0) for part in aside))
-        here, by_slip, by_error, bent = self._curves(y, linear, touch, friction, aside.force)
+        here, by_slip, mean, bent = self._curves(y, linear, touch, friction, aside.force)
         gain = 1 + y[:, 3]
         slopes = gain * here.along_by_slip, gain * here.along_by_shape, -gain * by_slip, here.along
+        # noise that many samples average out would make a hypothesis likelier whose curve bends, were its
+        # slope not the mean one; what a slip errs lastingly is not known so well
+        by_error = jnp.maximum(by_slip, mean)
         row = jnp.stack(slopes, axis=1)
         measured = touch.along[:, None]
         turned = _SLIP_ASIDE * aside.angle
-        own = rss(touch.slip_std, touch.slip_noise)[:, None]
-        slips = jnp.sqrt(own**2 + touch.slip_shared**2 + turned**2)
+        slips = jnp.sqrt(touch.slip_std[:, None] ** 2 + touch.slip_shared**2 + turned**2)
         floor = touch.along_std[:, None] ** 2 + FORCE_ERROR[0] ** 2 + (FORCE_ERROR[1] * measured) ** 2
         shaken = floor + touch.shaken[0] ** 2
-        noise = shaken + (by_error * slips) ** 2
+        noise = shaken + (by_error * slips) ** 2 + (mean * touch.slip_noise[:, None]) ** 2
         # a curve is no line over the width of a slip that is hardly known, unless the tire surely slides;
         # but no tire bears more than the friction, whatever its slip
         sure = jnp.maximum(_SLIP_KNOWN, jnp.abs(touch.slip[:, None]) / 3) > touch.slip_shared
@@ -141,13 +143,12 @@ class Wheels(eqx.Module):
     def _curves(
         self, y: Array, linear: Array, touch: Touch, friction: Array, across: Array
     ) -> tuple[Grip, Array, Array, Array]:
-        """Each tire, ∂(F_x/F_z)/∂ slip, how much a slip's error can do, and what the force over load were if
-        it stayed linear up to the slip that goes with it; (4, J)."""
+        """Each tire, ∂(F_x/F_z)/∂ slip, its mean between the slip measured and what the force tells, and what
+        the force over load were if it stayed linear up to the slip that goes with it; (4, J)."""
         stiff = self.slip_stiffness * jnp.exp(y[:, 0])
         shape = self.shape + y[:, 1]
         here = bounded(linear, across, friction, shape)
-        # as slips are uncertain, what matters is the slope between the slip measured and what the force tells
         force = touch.along[:, None]
         bent = elastic(force, friction, shape)
-        slope = jnp.maximum(here.along_by_ratio, chord(linear, here.along, bent, force, friction))
+        slope = chord(linear, here.along, here.along_by_ratio, bent, force, friction)
         return here, stiff * here.along_by_ratio, stiff * slope, bent
