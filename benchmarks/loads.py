@@ -26,7 +26,7 @@ from roadstate.sim.run import truth_table
 from roadstate.sim.sensors import measure, sensor_preset, to_log
 from roadstate.vehicles import Vehicle, load_vehicle
 
-LOADS = (0.0, 0.06, -0.06, 0.2, -0.17)  # shares of the mass that come in; out again; nothing
+LOADS = (0.0, 0.06, -0.06, 0.2, -0.17, 0.7)  # shares of the mass that come in, the last with a trailer
 _SECONDS = 240.0  # of the drive in town
 _CHANGES = (100.0, 190.0)  # s between which it is the longest stop at which the load changes
 _STILL = 0.02  # m/s

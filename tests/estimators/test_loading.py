@@ -109,7 +109,7 @@ def told(vehicle: Vehicle, drive: Callable[..., Log], load: float, seed: int) ->
     return Log(log.time, channels)
 
 
-@pytest.mark.parametrize("load", [-0.15, 0.0, 0.06, 0.25])
+@pytest.mark.parametrize("load", [-0.4, -0.15, 0.0, 0.06, 0.25, 0.7])
 def test_the_mass_is_another_ten_seconds_after_the_stop(
     vehicle: Vehicle, drive: Callable[..., Log], load: float
 ) -> None:

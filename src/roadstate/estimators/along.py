@@ -40,6 +40,7 @@ _BRAKE_TOLD = 0.05  # 1σ of a brake's torque that the car tells, as a share: pa
 _WIND = (300.0, 2.0)
 _TURNS = 0.03  # rad/s by which a car is taken to turn where no yaw rate tells: round a corner every 50 s
 _SLIP = (0.5, 1.0)  # 1σ of what wheels slip beyond their force, as a share of that, and s for which it lasts
+_LIGHTNESS = (0.3, 1.8)  # the file's mass over the car's, with any load and with none, if the file's had one
 LATE = (0.06, 0.04)  # s by which a receiver's speed is late: mean and 1σ
 
 
@@ -322,6 +323,17 @@ class AlongModel(StateSpaceModel):
         fresh = jnp.sum(self._slow_noise(u, dt)[at - 3] ** 2)
         predicted = keeps * old.mean[at], keeps**2 * jnp.sum(old.factor[at] ** 2) + fresh
         return before.take(predicted, (new.mean[at], jnp.sum(new.factor[at] ** 2)), new.mean[SPEED], dt)
+
+    def lightness(self, gaussian: Gaussian) -> tuple[Float[Array, ""], Float[Array, ""]]:
+        """The file's mass over the car's, and its 1σ: what torques make of the car is as much less.
+
+        Args:
+            gaussian: of the states.
+        """
+        if "mass" not in self.states:
+            return jnp.ones(()), jnp.zeros(())
+        at = self.place("mass")
+        return jnp.clip(1 - gaussian.mean[at], *_LIGHTNESS), root(jnp.sum(gaussian.factor[at] ** 2))
 
     def sqrt_R(self, u: AlongInput) -> Float[Array, "m m"]:
         """Independent sensors."""

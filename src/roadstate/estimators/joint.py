@@ -319,8 +319,9 @@ class Joint(Estimator[JointState]):
         share = 1 + rolling[0]
         if "wheel_radius" in self.along.states:
             raw = raw.scaled(jnp.ones(8).at[SPIN].set(share))
+        heavy = balance._replace(explained=balance.explained * self.along.lightness(along.gaussian)[0])
         trust = self.trust.test(
-            state.trust, raw, balance, signal, speed, across[V_Y], held.repeats >= REPEATS, dt
+            state.trust, raw, heavy, signal, speed, across[V_Y], held.repeats >= REPEATS, dt
         )
         trust, now = once((trust, self.trust.verdict(trust)))
         found = (now.lies & (~verdict.lies)) | (now.swapped != verdict.swapped)

@@ -47,7 +47,6 @@ _UNEVEN = 0.084
 # s: 1σ of how late everything on the bus is, wheels and accelerometer alike, which nothing in it can tell
 _LATE = 0.01
 _CUT = 0.35  # of a speed's step: root mean square of its error's mean, be it rounded (none) or cut off (half)
-_LIGHTEST = 0.3  # of what would move a car of the file's mass: no load takes away more
 _DRIFTS = 0.02  # 1σ of v̇_y over g
 
 
@@ -115,10 +114,9 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
     tell("accel_x_bias", mean[BIAS], std[BIAS])
     scale, scale_std = jnp.ones(()), joint.mass_std
     if "mass" in joint.along.states:
-        place = joint.along.place("mass")
-        # torques explain 1 − δ of what they would move a car of the file's mass by
-        scale = 1 / jnp.maximum(1 - mean[place], _LIGHTEST)
-        scale_std = scale**2 * std[place]
+        lightness, unsure = joint.along.lightness(state.along.gaussian)
+        scale = 1 / lightness
+        scale_std = scale**2 * unsure
         tell("mass", joint.forces.balance.car.mass * scale, joint.forces.balance.car.mass * scale_std)
     if "altitude" in joint.along.states:
         tell("altitude", mean[-2], std[-2])
