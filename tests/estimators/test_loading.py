@@ -42,15 +42,15 @@ def corrected(
         fresh = P + loading.std**2
         K = fresh * gain / (gain**2 * fresh + 1)
         new, left = mean + K * (told - gain * mean), (1 - K * gain) * fresh
-        loading = jax.vmap(Loading.take, in_axes=(0, 0, 0, None, None))(
-            loading, (mean, fresh), (new, left), speed, jnp.asarray(DT)
+        loading = jax.vmap(Loading.take, in_axes=(0, 0, 0, 0, None, None))(
+            loading, (mean, fresh), (new, left), loading.gains, speed, jnp.asarray(DT)
         )
         return (new, left, loading), (new, left, loading.std)
 
     moves = np.arange(before + after) >= before
     gain = np.where(moves, 5.0, 0.0)
     told = gain[:, None] * (begins + wrong * moves[:, None]) + noise
-    start = Loading(*(jnp.broadcast_to(x, trials) for x in Loading.none()))
+    start = Loading(*(jnp.broadcast_to(x, (trials, *x.shape)) for x in Loading.none(jnp.zeros((3, 2)))))
     x = jnp.zeros(trials), jnp.full(trials, 0.01**2), start
     _, found = jax.jit(lambda g: jax.lax.scan(step, x, g))((told, gain, 10.0 * moves))
     mean, P, std = (np.asarray(f) for f in found)
@@ -78,14 +78,15 @@ def test_nobody_boards_in_a_moment(stands: float, noticed: bool) -> None:
 
 
 def test_what_is_corrected_long_after_a_stop_is_no_load() -> None:
-    zero, dt = jnp.zeros(()), jnp.asarray(1.0)
-    state = Loading.none()
+    zero, dt, gains = jnp.zeros(()), jnp.asarray(1.0), jnp.full((3, 2), 0.1)
+    state = Loading.none(jnp.zeros((3, 2)))
     for _ in range(5):
-        state = state.take((zero, zero), (zero, zero), zero, dt)
+        state = state.take((zero, zero), (zero, zero), gains, zero, dt)
     for second in range(100):
         moved = zero + (0.2 if second in (50, 80) else 0.0)
-        state = state.take((zero, zero + 1e-6), (moved, zero), zero + 20, dt)
+        state = state.take((zero, zero + 1e-6), (moved, zero), 2 * gains, zero + 20, dt)
         assert bool(state.std > 0) == (second == 50)
+        assert (state.gains == gains).all()
 
 
 def told(vehicle: Vehicle, drive: Callable[..., Log], load: float, seed: int) -> Log:

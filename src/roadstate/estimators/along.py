@@ -63,7 +63,7 @@ class AlongInput(NamedTuple):
         smooth_across: low-passed specific force across, freed of roll, m/s².
         turning: yaw rate, rad/s.
         pitching: what turns the body's attitude.
-        loaded: 1σ of what has just changed the mass, as a share.
+        loading: of goods or passengers, which may just have been noticed.
         slip: (4,) what the force of each wheel makes it slip.
         sensor_std: (m,) 1σ of a sample.
     """
@@ -83,7 +83,7 @@ class AlongInput(NamedTuple):
     smooth_across: Float[Array, ""]
     turning: Float[Array, ""]
     pitching: Pitching
-    loaded: Float[Array, ""]
+    loading: Loading
     slip: Float[Array, " 4"]
     sensor_std: Float[Array, " m"]
 
@@ -186,6 +186,9 @@ class AlongModel(StateSpaceModel):
         count = len(self.slow_time)
         road = self.road.transition(u.passing * dt) @ x[1:3]
         slow = x[3 : 3 + count] * jnp.exp(-dt * self._fades(u))
+        if "mass" in self.states:
+            gains = self.place("drive_gain") - 3 + np.arange(2)
+            slow = slow.at[gains].set(jnp.where(u.loading.std > 0, u.loading.gains[0], slow[gains]))
         parts = [x[:1] + dt * self.speeds_up(x, u), road, slow]
         if "attitude" in self.states:
             roll = x[self.place("mounting_roll")] + x[self.place("roll_gradient")] * u.smooth_across
@@ -240,8 +243,12 @@ class AlongModel(StateSpaceModel):
         slow = root(-jnp.expm1(-2 * dt * self._fades(u)))[:, None] * self.slow_factor
         if "mass" not in self.states:
             return slow
-        at = self.place("mass") - 3
-        return slow.at[at, at].set(rss(slow[at, at], u.loaded))
+        at, loads = self.place("mass") - 3, u.loading.std
+        gains = self.place("drive_gain") - 3 + np.arange(2)
+        shared = u.loading.gains[2] / jnp.where(loads > 0, loads, jnp.inf)
+        own = jnp.where(loads > 0, root(jnp.maximum(u.loading.gains[1] - shared**2, 0.0)), slow[gains, gains])
+        slow = slow.at[gains, at].set(shared).at[gains, gains].set(own)
+        return slow.at[at, at].set(rss(slow[at, at], loads))
 
     def speeds_up(self, x: Float[Array, " n"], u: AlongInput) -> Float[Array, ""]:
         """dv_x/dt, m/s²: by the accelerometer, or by torques and what has been learnt of those."""
@@ -322,14 +329,19 @@ class AlongModel(StateSpaceModel):
         keeps = jnp.exp(-dt * self._fades(u)[at - 3])
         fresh = jnp.sum(self._slow_noise(u, dt)[at - 3] ** 2)
         predicted = keeps * old.mean[at], keeps**2 * jnp.sum(old.factor[at] ** 2) + fresh
-        return before.take(predicted, (new.mean[at], jnp.sum(new.factor[at] ** 2)), new.mean[SPEED], dt)
+        corrected = new.mean[at], jnp.sum(new.factor[at] ** 2)
+        return before.take(predicted, corrected, self.gains(new), new.mean[SPEED], dt)
+
+    def gains(self, gaussian: Gaussian) -> Float[Array, "3 2"]:
+        """Of the torques of drive and brakes, as :attr:`Loading.gains` has them; 0 where there are none."""
+        if "mass" not in self.states:
+            return jnp.zeros((3, 2))
+        at, factor = self.place("drive_gain") + np.arange(2), gaussian.factor
+        shared = factor[at] @ factor[self.place("mass")]
+        return jnp.stack([gaussian.mean[at], jnp.sum(factor[at] ** 2, axis=1), shared])
 
     def lightness(self, gaussian: Gaussian) -> tuple[Float[Array, ""], Float[Array, ""]]:
-        """The file's mass over the car's, and its 1σ: what torques make of the car is as much less.
-
-        Args:
-            gaussian: of the states.
-        """
+        """The file's mass over the car's, and its 1σ: what torques make of the car is as much less."""
         if "mass" not in self.states:
             return jnp.ones(()), jnp.zeros(())
         at = self.place("mass")

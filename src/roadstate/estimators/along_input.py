@@ -219,7 +219,7 @@ class AlongIntake(eqx.Module):
             smooth_across=forces.accel[1],
             turning=turning,
             pitching=Pitching(jnp.zeros(()), jnp.zeros(())),
-            loaded=state.loading.std,
+            loading=state.loading,
             slip=self.rims.slips(forces.steady, forces.load),
             sensor_std=jnp.zeros(0),
         )

@@ -232,7 +232,7 @@ class Joint(Estimator[JointState]):
             pitch=self.pitch.init(),
             roll=self.roll.init(),
             unrest=self.inputs.start(),
-            loading=Loading.none(),
+            loading=Loading.none(self.along.gains(self.along.prior())),
             shortfall=Shortfall.none(),
             speed_age=zero + NEVER,
             against=zero,

@@ -21,13 +21,16 @@ class Loading(NamedTuple):
     If all is as a Kalman filter assumes, its corrections of a state are independent of one another and of
     mean 0, and the variance of each is what it takes off the state's variance (K S Kᵀ = P⁻ − P⁺): an estimate
     that knows its σ moves by no more, over a while, than what its σ would have shrunk by. A mass that moves
-    farther is another one.
+    farther is another one. By then some of the load has passed for an error of the torques: what was known of
+    their gains as the car stood is known of them still.
 
     Attributes:
         stood: s for which the car has stood.
         since: s since it last stood for long.
         moved: what the mass has been corrected by since then, as a share.
         variance: of that, were the mass the same.
+        gains: (3, 2) of the torques of drive and brakes, as the car last stood: mean, variance, and their
+            covariance with the mass, which no load changes.
         std: 1σ of what has changed the mass at the last sample; 0 but where that has just been noticed.
     """
 
@@ -35,13 +38,14 @@ class Loading(NamedTuple):
     since: Float[Array, ""]
     moved: Float[Array, ""]
     variance: Float[Array, ""]
+    gains: Float[Array, "3 2"]
     std: Float[Array, ""]
 
     @classmethod
-    def none(cls) -> Loading:
-        """Before the first sample: whatever is loaded is what the vehicle file says."""
+    def none(cls, gains: Float[Array, "3 2"]) -> Loading:
+        """Before the first sample: whatever is loaded is what the vehicle file says, as ``gains`` are."""
         zero = jnp.zeros(())
-        return cls(zero, zero + _TOLD, zero, zero, zero)
+        return cls(zero, zero + _TOLD, zero, zero, gains, zero)
 
     @property
     def unsure(self) -> Float[Array, ""]:
@@ -52,6 +56,7 @@ class Loading(NamedTuple):
         self,
         predicted: tuple[Float[Array, ""], Float[Array, ""]],
         corrected: tuple[Float[Array, ""], Float[Array, ""]],
+        gains: Float[Array, "3 2"],
         speed: Float[Array, ""],
         dt: Float[Array, ""],
     ) -> Loading:
@@ -60,14 +65,17 @@ class Loading(NamedTuple):
         Args:
             predicted: the mass before the sample, as a share, and its variance.
             corrected: both after it.
+            gains: after it.
             speed: m/s.
             dt: s.
         """
         stands = jnp.abs(speed) < _STANDS
         stood = jnp.where(stands, self.stood + dt, 0.0)
-        anew = (stood > _BOARDING) | (self.std > 0)
-        since = jnp.where(stood > _BOARDING, 0.0, self.since + dt)
+        boards = stood > _BOARDING
+        anew = boards | (self.std > 0)
+        since = jnp.where(boards, 0.0, self.since + dt)
         moved = jnp.where(anew, 0.0, self.moved + corrected[0] - predicted[0])
         variance = jnp.where(anew, 0.0, self.variance + jnp.maximum(predicted[1] - corrected[1], 0.0))
         differs = (since < _TOLD) & (moved**2 > _SURE**2 * (variance + _LEAST**2))
-        return Loading(stood, since, moved, variance, jnp.where(differs, _LOAD, 0.0))
+        gains = jnp.where(boards, gains, self.gains)
+        return Loading(stood, since, moved, variance, gains, jnp.where(differs, _LOAD, 0.0))
