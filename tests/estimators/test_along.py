@@ -16,6 +16,7 @@ from roadstate.core.channels import WHEELS
 from roadstate.core.gaussian import Gaussian
 from roadstate.estimators import build
 from roadstate.estimators.along import BIAS, LATE, SLOPE, SPEED, AlongInput, AlongModel
+from roadstate.estimators.loading import Loading
 from roadstate.estimators.pitch import Pitching
 from roadstate.filters import KF, FilterState
 from roadstate.run import batch
@@ -40,8 +41,8 @@ def given(speed: Numbers, accel: Numbers, slip: Numbers) -> AlongInput:
         accel=zero + accel, by_torque=zero > 0, gaining=zero + accel, lean=zero + accel,
         lasting=zero + accel, drive=zero, brake=zero, rolling=zero, lever=zero,
         speed=zero + speed, passing=zero + speed, intensity=zero + 0.02, smooth_across=zero,
-        turning=zero, pitching=Pitching(zero, zero), slip=jnp.full(4, slip), loaded=zero,
-        sensor_std=jnp.full(4, NOISE),
+        turning=zero, pitching=Pitching(zero, zero), slip=jnp.full(4, slip),
+        loading=Loading.none(jnp.zeros((3, 2))), sensor_std=jnp.full(4, NOISE),
     )  # fmt: skip
 
 
@@ -58,6 +59,22 @@ def test_a_force_ahead_makes_a_wheel_turn_less_fast_backward(model: AlongModel) 
     x = np.zeros(len(model.states))
     x[SPEED], x[model.place("slip_factor")] = -5.0, 0.5
     np.testing.assert_allclose(model.h(jnp.asarray(x), given(-5.0, 2.0, 0.03)), -5.0 * (1 - 0.015))
+
+
+def test_a_load_that_is_noticed_leaves_gains_as_they_were_at_the_stop() -> None:
+    """Mean, variance, and covariance with a mass of which all else is new."""
+    known = AlongModel(load_vehicle("family-car"), CHANNELS, torque_of="wheels")
+    mean, variance, shared = gains = jnp.asarray([[0.02, -0.01], [4e-4, 9e-4], [-3e-4, 2e-4]])
+    u, dt, places = given(30.0, 0.0, 0.0), jnp.asarray(0.01), known.place("mass") + np.arange(3)
+    u = u._replace(loading=Loading.none(gains)._replace(std=jnp.asarray(0.15)))
+    x = jnp.full(len(known.states), 0.1)
+    np.testing.assert_allclose(known.f(x, u, dt)[places[1:]], mean)
+    assert not jax.jacfwd(known.f)(x, u, dt)[places[1:]].any()
+    factor = known.sqrt_Q(u, dt)[places]
+    Q = np.asarray(factor @ factor.T)
+    np.testing.assert_allclose(Q[0, 0], 0.15**2, rtol=1e-4)
+    np.testing.assert_allclose(Q[0, 1:], shared, rtol=1e-6)
+    np.testing.assert_allclose(np.diag(Q)[1:], variance, rtol=1e-6)
 
 
 def test_a_heavier_car_is_moved_less_by_torques_and_by_air() -> None:
