@@ -37,6 +37,21 @@ def test_an_engine_that_does_not_turn_as_the_gears_do_is_not_in_mesh(
     assert bool(traction.is_shifting) is slips
 
 
+def test_what_an_engine_tells_counts_a_while_after_its_clutch_has_closed(vehicle: Vehicle) -> None:
+    """Its inertia has just begun to weigh, and low passes still know of the time before."""
+    meter = TractionMeter(vehicle, (*ENGINE, "engine_speed"))
+    total = 3.62 * vehicle.driveline.final_drive
+    turning = total * 3.0 / vehicle.wheels.radius
+    state = meter.init()._replace(since_shift=jnp.asarray(10.0), ratio=jnp.asarray(total))
+    told = []
+    for i in range(100):
+        engine = turning + (40.0 if i < 10 else 0.0)
+        state, traction = take(meter, state, 3.0, engine_torque=20.0, gear_ratio=3.62, engine_speed=engine)
+        told.append(bool(traction.is_shifting))
+    assert told.index(False) == pytest.approx(10 + 70, abs=1)
+    assert not any(told[told.index(False) :])
+
+
 @pytest.mark.parametrize(("turning", "slips"), [(0.0, True), (90.0, True), (110.0, False), (400.0, False)])
 def test_gears_that_turn_more_slowly_than_an_engine_idles_slip(
     vehicle: Vehicle, turning: float, slips: bool

@@ -27,7 +27,7 @@ _SLOWEST_RATIO = 2.0  # m/s: below it a ratio of two speeds says nothing
 _IDLE = 100.0  # rad/s: no engine that has gears turns more slowly, but its clutch or converter slips
 _APART = (3.0, 0.1)  # rad/s, and as a share, by which engine and gears differ where nothing slips
 _HEARD = 0.5  # s for which an engine's speed tells
-_SHIFT_TIME = 0.7  # s after a change of gear during which torque and inertia are not what they seem
+_SHIFT_TIME = 0.7  # s after a change of gear, or a slip, in which torque and inertia are not what they seem
 _RATIO_JUMP = 0.08  # relative change of ratio between samples that counts as another gear
 _RATIO_RATE = 0.35  # 1/s: relative rate of change of a measured ratio that means slip or a shift
 _BRAKE_RELATIVE = 0.2  # 1σ of a brake's torque per pressure (pads, temperature)
@@ -268,7 +268,9 @@ class TractionMeter(eqx.Module):
         if self.source == "gear":
             ratio = held["gear_ratio"].value * self._final_drive
             changed = jnp.abs(ratio - state.ratio) > _RATIO_JUMP * jnp.abs(state.ratio)
-            is_open = (ratio == 0) | self._slips(held, jnp.abs(ratio * speed) / self._radius)
+            slips = self._slips(held, jnp.abs(ratio * speed) / self._radius)
+            # as a clutch closes, an engine's inertia begins to weigh
+            is_open, changed = (ratio == 0) | slips, changed | slips
         else:
             # measured where both speeds are new; else the gear last seen is still in mesh
             new = (held["engine_speed"].age == 0) & (jnp.abs(speed) > _SLOWEST_RATIO)
