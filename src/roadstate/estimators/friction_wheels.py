@@ -27,6 +27,7 @@ _SLIP_ASIDE = 0.4  # 1σ of a slip, as a share of the slip angle: where a wheel 
 _SLIP_TIME = (0.2, 4.0)  # s: how long errors of a slip last, its own and those that come from the speed
 _SPLIT_TIME = 0.3  # s: how long a share of the forces keeps that nothing tells
 _ONSET = 6.0  # squared deviations of a force, over σ², that no lasting error of a slip explains
+_STRAIGHT = 0.05  # F_y/F_z up to which a tire goes straight ahead
 _SLIP_KNOWN = 0.02  # 1σ of a slip up to which the curve is a line over its width
 
 
@@ -106,15 +107,18 @@ class Wheels(eqx.Module):
         gain = 1 + y[:, 3]
         slopes = gain * here.along_by_slip, gain * here.along_by_shape, -gain * by_slip, here.along
         # noise that many samples average out would make a hypothesis likelier whose curve bends, were its
-        # slope not the mean one; what a slip errs lastingly is not known so well
+        # slope not the mean one; what a slip errs lastingly is not known so well, nor a slip aside, of which
+        # the curve along knows nothing
         by_error = jnp.maximum(by_slip, mean)
+        ahead = (linear**2 + _STRAIGHT**2) / (linear**2 + aside.force**2 + _STRAIGHT**2)
+        by_noise = by_error + ahead * (mean - by_error)
         row = jnp.stack(slopes, axis=1)
         measured = touch.along[:, None]
         turned = _SLIP_ASIDE * aside.angle
         slips = jnp.sqrt(touch.slip_std[:, None] ** 2 + touch.slip_shared**2 + turned**2)
         floor = touch.along_std[:, None] ** 2 + FORCE_ERROR[0] ** 2 + (FORCE_ERROR[1] * measured) ** 2
         shaken = floor + touch.shaken[0] ** 2
-        noise = shaken + (by_error * slips) ** 2 + (mean * touch.slip_noise[:, None]) ** 2
+        noise = shaken + (by_error * slips) ** 2 + (by_noise * touch.slip_noise[:, None]) ** 2
         # a curve is no line over the width of a slip that is hardly known, unless the tire surely slides;
         # but no tire bears more than the friction, whatever its slip
         sure = jnp.maximum(_SLIP_KNOWN, jnp.abs(touch.slip[:, None]) / 3) > touch.slip_shared
