@@ -83,10 +83,8 @@ def judged(said: list[Estimates], logs: list[Log], mass: float, moves: float) ->
 
 def study() -> Iterator[tuple[str, str, dict[str, float]]]:
     """Row after row: channels, then load and car."""
-    town, sensors = (
-        Scenario("town", "four minutes in town", in_town(_SECONDS), is_long=True),
-        sensor_preset("automotive"),
-    )
+    town = Scenario("town", "four minutes in town", in_town(_SECONDS), is_long=True)
+    sensors = sensor_preset("automotive")
     for vehicle in VEHICLES:
         car = load_vehicle(vehicle)
         files = [told(car, MISMATCHED, seed) for seed in range(_FILES)]

@@ -181,13 +181,18 @@ class AlongModel(StateSpaceModel):
         """Row of a state."""
         return self.states.index(state)
 
+    @property
+    def _gains(self) -> NDArray[np.int_]:
+        """(2,) rows of the torques' gains, of drive and brakes."""
+        return self.place("drive_gain") + np.arange(2)
+
     def f(self, x: Float[Array, " n"], u: AlongInput, dt: Float[Array, ""]) -> Float[Array, " n"]:
         """Explicit Euler in the speed, exact in the rest."""
         count = len(self.slow_time)
         road = self.road.transition(u.passing * dt) @ x[1:3]
         slow = x[3 : 3 + count] * jnp.exp(-dt * self._fades(u))
         if "mass" in self.states:
-            gains = self.place("drive_gain") - 3 + np.arange(2)
+            gains = self._gains - 3
             slow = slow.at[gains].set(jnp.where(u.loading.std > 0, u.loading.gains[0], slow[gains]))
         parts = [x[:1] + dt * self.speeds_up(x, u), road, slow]
         if "attitude" in self.states:
@@ -243,8 +248,7 @@ class AlongModel(StateSpaceModel):
         slow = root(-jnp.expm1(-2 * dt * self._fades(u)))[:, None] * self.slow_factor
         if "mass" not in self.states:
             return slow
-        at, loads = self.place("mass") - 3, u.loading.std
-        gains = self.place("drive_gain") - 3 + np.arange(2)
+        at, gains, loads = self.place("mass") - 3, self._gains - 3, u.loading.std
         shared = u.loading.gains[2] / jnp.where(loads > 0, loads, jnp.inf)
         own = jnp.where(loads > 0, root(jnp.maximum(u.loading.gains[1] - shared**2, 0.0)), slow[gains, gains])
         slow = slow.at[gains, at].set(shared).at[gains, gains].set(own)
@@ -336,16 +340,15 @@ class AlongModel(StateSpaceModel):
         """Of the torques of drive and brakes, as :attr:`Loading.gains` has them; 0 where there are none."""
         if "mass" not in self.states:
             return jnp.zeros((3, 2))
-        at, factor = self.place("drive_gain") + np.arange(2), gaussian.factor
+        at, factor = self._gains, gaussian.factor
         shared = factor[at] @ factor[self.place("mass")]
         return jnp.stack([gaussian.mean[at], jnp.sum(factor[at] ** 2, axis=1), shared])
 
-    def lightness(self, gaussian: Gaussian) -> tuple[Float[Array, ""], Float[Array, ""]]:
-        """The file's mass over the car's, and its 1σ: what torques make of the car is as much less."""
+    def lightness(self, mean: Float[Array, " n"]) -> Float[Array, ""]:
+        """The file's mass over the car's: what torques make of the car is as much less."""
         if "mass" not in self.states:
-            return jnp.ones(()), jnp.zeros(())
-        at = self.place("mass")
-        return jnp.clip(1 - gaussian.mean[at], *_LIGHTNESS), root(jnp.sum(gaussian.factor[at] ** 2))
+            return jnp.ones(())
+        return jnp.clip(1 - mean[self.place("mass")], *_LIGHTNESS)
 
     def sqrt_R(self, u: AlongInput) -> Float[Array, "m m"]:
         """Independent sensors."""

@@ -319,7 +319,7 @@ class Joint(Estimator[JointState]):
         share = 1 + rolling[0]
         if "wheel_radius" in self.along.states:
             raw = raw.scaled(jnp.ones(8).at[SPIN].set(share))
-        heavy = balance._replace(explained=balance.explained * self.along.lightness(along.gaussian)[0])
+        heavy = balance._replace(explained=balance.explained * self.along.lightness(along.gaussian.mean))
         trust = self.trust.test(
             state.trust, raw, heavy, signal, speed, across[V_Y], held.repeats >= REPEATS, dt
         )

@@ -114,9 +114,8 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
     tell("accel_x_bias", mean[BIAS], std[BIAS])
     scale, scale_std = jnp.ones(()), joint.mass_std
     if "mass" in joint.along.states:
-        lightness, unsure = joint.along.lightness(state.along.gaussian)
-        scale = 1 / lightness
-        scale_std = scale**2 * unsure
+        scale = 1 / joint.along.lightness(mean)
+        scale_std = scale**2 * std[joint.along.place("mass")]
         tell("mass", joint.forces.balance.car.mass * scale, joint.forces.balance.car.mass * scale_std)
     if "altitude" in joint.along.states:
         tell("altitude", mean[-2], std[-2])
