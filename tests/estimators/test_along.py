@@ -15,9 +15,10 @@ from roadstate.core import Log
 from roadstate.core.channels import WHEELS
 from roadstate.core.gaussian import Gaussian
 from roadstate.estimators import build
-from roadstate.estimators.along import BIAS, LATE, SLOPE, SPEED, AlongInput, AlongModel
+from roadstate.estimators.along import BIAS, SLOPE, SPEED, AlongInput, AlongModel
 from roadstate.estimators.loading import Loading
 from roadstate.estimators.pitch import Pitching
+from roadstate.estimators.slow_errors import LATE
 from roadstate.filters import KF, FilterState
 from roadstate.run import batch
 from roadstate.tires.smooth import Numbers

@@ -22,7 +22,7 @@ from roadstate.estimators.loading import Loading
 from roadstate.estimators.pitch import Pitching
 from roadstate.estimators.road import GradePrior
 from roadstate.estimators.signals import way
-from roadstate.estimators.tire_forces import BRAKE_RELATIVE
+from roadstate.estimators.slow_errors import LATE, WIND, slow_errors, slow_factor
 from roadstate.linalg import root, rss
 from roadstate.statespace import StateSpaceModel
 
@@ -30,18 +30,8 @@ if TYPE_CHECKING:
     from roadstate.vehicles import Vehicle
 
 SPEED, SLOPE, SLOPE_RATE, BIAS, SCALE = range(5)
-_ACCEL_SCALE = 0.01  # 1σ of the accelerometer's scale
-_RADIUS = 3.0  # times what the file says may the radius err that a speed is there to correct
-_LASTING = 3600.0  # s over which what belongs to the car or its sensors keeps its value
-_BRAKE_LASTING = 600.0  # s: pads warm up
 _CAUGHT = 2.0  # m/s: 1σ of what a sensor's lies do to the speed until they are found
-_BRAKE_TOLD = 0.05  # 1σ of a brake's torque that the car tells, as a share: pads are not measured
-# s for which the wind lasts, as it and what shelters from it change; rad of turning that make it another
-_WIND = (300.0, 2.0)
-_TURNS = 0.03  # rad/s by which a car is taken to turn where no yaw rate tells: round a corner every 50 s
-_SLIP = (0.5, 1.0)  # 1σ of what wheels slip beyond their force, as a share of that, and s for which it lasts
 _LIGHTNESS = (0.3, 1.8)  # the file's mass over the car's, with any load and with none, if the file's had one
-LATE = (0.06, 0.04)  # s by which a receiver's speed is late: mean and 1σ
 
 
 class AlongInput(NamedTuple):
@@ -132,46 +122,14 @@ class AlongModel(StateSpaceModel):
     ) -> None:
         prior, sensors = vehicle.prior, vehicle.sensors
         wheels = tuple(f"wheel_speed_{w}" for w in WHEELS if f"wheel_speed_{w}" in available)
-        tilt = sensors.accel.bias / GRAVITY  # the bias is mostly one of mounting
-        slow = {
-            "accel_x_bias": (sensors.accel.bias, _LASTING),
-            "accel_x_scale": (float(np.hypot(GRAVITY * prior.pitch_gradient_std, _ACCEL_SCALE)), _LASTING),
-        }
-        if "accel_y" in available:
-            slow["mounting_yaw"] = (tilt, _LASTING)
-        if "pitch_rate" in available:
-            slow["lean_gradient"] = (prior.pitch_gradient_std, _LASTING)
-            slow["pitch_rate_bias"] = (sensors.yaw_rate.bias, _LASTING)
-            slow["roll_gradient"] = (prior.pitch_gradient_std, _LASTING)
-            slow["mounting_roll"] = (tilt, _LASTING)
-        if wheels:
-            slow["slip_factor"] = _SLIP
-        if torque_of is not None:
-            at_wheels = torque_of == "wheels"
-            torque = sensors.wheel_torque if at_wheels else sensors.engine_torque
-            measured = any(c.startswith("brake_torque") for c in available)
-            slow["mass"] = (prior.mass_relative, _LASTING)
-            slow["drive_gain"] = (torque.relative, _LASTING)
-            told = max(torque.relative, _BRAKE_TOLD)
-            slow["brake_gain"] = (told if measured else BRAKE_RELATIVE, _BRAKE_LASTING)
-            slow["drag_area"] = (prior.drag_relative, _LASTING)
-            turns = 0.0 if "yaw_rate" in available else _TURNS
-            slow["wind"] = (prior.wind_std, 1 / (1 / _WIND[0] + turns / _WIND[1]))
-            zero = _as_resistance(vehicle, torque.bias) if at_wheels else 0.0
-            slow["resistance"] = (float(np.hypot(prior.rolling_resistance_std, zero)), _LASTING)
-            if not at_wheels:  # low gears multiply what an engine's torque is off by
-                slow["torque_zero"] = (torque.bias, _LASTING)
-        if wheels and "speed" in available:
-            slow["wheel_radius"] = (_RADIUS * sensors.wheel_speed.scale, _LASTING)
-        if "speed" in available:
-            slow["speed_lag"] = (LATE[1], _LASTING)
+        slow = slow_errors(vehicle, available, torque_of)
         aids = [c for c in ("speed", "altitude", "vertical_speed") if c in available]
         height = ("altitude", "altitude_error") if "altitude" in available else ()
         attitude = ("attitude",) if "pitch_rate" in available else ()
         self.states = ("speed", "slope", "slope_rate", *slow, *attitude, *height)
         self.sensors = (*wheels, *aids, *(["traction"] if torque_of is not None else []), *attitude)
         self.road = GradePrior(leaf(GRAVITY * prior.grade_std), leaf(prior.grade_correlation_length))
-        self.slow_factor = jnp.asarray(_slow_factor({name: std for name, (std, _) in slow.items()}))
+        self.slow_factor = jnp.asarray(slow_factor({name: std for name, (std, _) in slow.items()}))
         self.lean_gradient = leaf(vehicle.body.pitch_gradient)
         self.air = Air(vehicle)
         self.slow_time = jnp.asarray(np.array([time for _, time in slow.values()]))
@@ -240,7 +198,7 @@ class AlongModel(StateSpaceModel):
         """1/s by which slow states fade: a wind from ahead comes from aside as the car turns."""
         rate = 1 / self.slow_time
         if "wind" in self.states:
-            rate = rate.at[self.place("wind") - 3].add(jnp.abs(u.turning) / _WIND[1])
+            rate = rate.at[self.place("wind") - 3].add(jnp.abs(u.turning) / WIND[1])
         return rate
 
     def _slow_noise(self, u: AlongInput, dt: Float[Array, ""]) -> Float[Array, "k k"]:
@@ -380,19 +338,3 @@ class AlongModel(StateSpaceModel):
         if "altitude" in self.states:
             blocks.append(jnp.diag(jnp.stack([jnp.asarray(2000.0), self.wander[0]])))
         return Gaussian(jnp.zeros(len(self.states)), jnp.asarray(jsl.block_diag(*blocks)))
-
-
-def _as_resistance(vehicle: Vehicle, bias: float) -> float:
-    """Which coefficient of rolling resistance does as much as 1σ of each driven wheel's constant error."""
-    driven = sum(vehicle.driveline.drives)
-    return float(driven**0.5 * bias / (vehicle.wheels.radius * vehicle.mass * GRAVITY))
-
-
-def _slow_factor(std: dict[str, float]) -> NDArray[np.float64]:
-    """Lower-triangular; a body that leans more than the file says tilts the accelerometer, too."""
-    factor, names = np.diag(np.array(list(std.values()))), list(std)
-    if "lean_gradient" in names:
-        scale, lean = names.index("accel_x_scale"), names.index("lean_gradient")
-        share = GRAVITY * std["lean_gradient"] / std["accel_x_scale"]
-        factor[lean, [scale, lean]] = std["lean_gradient"] * np.array([share, np.sqrt(1 - share**2)])
-    return factor
