@@ -26,7 +26,7 @@ from roadstate.vehicles import Vehicle, load_vehicle
 
 DT = 0.01
 NOISE = 0.05  # m/s: of a wheel's speed
-FORCES = {"drive": 1.1, "brake": 0.3, "rolling": 9.8}
+FORCES = {"drive": 1.1, "brake": 0.3, "rolling": 9.8, "turned": 0.2}
 CHANNELS = ("accel_x", *(f"wheel_speed_{w}" for w in WHEELS))
 
 
@@ -40,7 +40,7 @@ def given(speed: Numbers, accel: Numbers, slip: Numbers) -> AlongInput:
     zero = jnp.zeros(())
     return AlongInput(
         accel=zero + accel, by_torque=zero > 0, gaining=zero + accel, lean=zero + accel,
-        lasting=zero + accel, drive=zero, brake=zero, rolling=zero, lever=zero,
+        lasting=zero + accel, drive=zero, brake=zero, rolling=zero, lever=zero, turned=zero,
         speed=zero + speed, passing=zero + speed, intensity=zero + 0.02, smooth_across=zero,
         turning=zero, pitching=Pitching(zero, zero), slip=jnp.full(4, slip),
         loading=Loading.none(jnp.zeros((3, 2))), sensor_std=jnp.full(4, NOISE),
@@ -79,13 +79,16 @@ def test_a_load_that_is_noticed_leaves_gains_as_they_were_at_the_stop() -> None:
 
 
 def test_a_heavier_car_is_moved_less_by_torques_and_by_air() -> None:
-    """a = (F_drive − F_brake − F_air)/m − f g: an accelerometer tells so much less."""
+    """a = (F_drive − F_brake − F_air − (Θ − m) v̇)/m − f g: an accelerometer tells so much less.
+
+    Wheels and engine are no harder to turn up.
+    """
     known = AlongModel(load_vehicle("family-car"), CHANNELS, torque_of="wheels")
     x = np.zeros(len(known.states))
     x[known.place("mass")] = share = 1e-4
     u = given(30.0, 0.0, 0.0)._replace(**{k: jnp.asarray(v) for k, v in FORCES.items()})
     told = known.h(jnp.asarray(x), u)[known.sensors.index("traction")]
-    force = FORCES["drive"] - FORCES["brake"] - float(known.air.drag) * 30.0**2
+    force = FORCES["drive"] - FORCES["brake"] - FORCES["turned"] - float(known.air.drag) * 30.0**2
     assert float(told) == pytest.approx(force / (1 + share) - force, rel=1e-3)
 
 
@@ -135,7 +138,7 @@ def test_without_an_accelerometer_torques_push_the_car_as_heavy_as_it_is() -> No
     share = 1e-4
     x[known.place("mass")], x[BIAS], x[SLOPE] = share, 0.3, 0.1
     u = given(30.0, 0.0, 0.0)._replace(**{k: jnp.asarray(v) for k, v in FORCES.items()})
-    force = FORCES["drive"] - FORCES["brake"] - float(known.air.drag) * 30.0**2
+    force = FORCES["drive"] - FORCES["brake"] - FORCES["turned"] - float(known.air.drag) * 30.0**2
     by_torque = u._replace(accel=jnp.asarray(force), by_torque=jnp.asarray(True))
     found = float(known.speeds_up(jnp.asarray(x), by_torque)) - force
     assert found == pytest.approx(force / (1 + share) - force - 0.1, abs=1e-3 * share * abs(force))

@@ -47,6 +47,7 @@ class AlongInput(NamedTuple):
         drive, brake: specific forces of drive and brakes as torques tell them, low-passed, m/s².
         rolling: g with the sign of the speed: what the coefficient of rolling resistance multiplies, m/s².
         lever: what each N·m of the engine makes, in the gear in mesh, m/s²/(N·m).
+        turned: specific force that turns up wheels and engine, no less as the car is loaded, m/s².
         speed: so far, m/s.
         passing: how fast the road comes by, m/s: faster than that where the speed is lost.
         intensity: of the acceleration's white error, m/s²/√Hz.
@@ -67,6 +68,7 @@ class AlongInput(NamedTuple):
     brake: Float[Array, ""]
     rolling: Float[Array, ""]
     lever: Float[Array, ""]
+    turned: Float[Array, ""]
     speed: Float[Array, ""]
     passing: Float[Array, ""]
     intensity: Float[Array, ""]
@@ -94,10 +96,10 @@ class AlongModel(StateSpaceModel):
     Sensors: the wheels' speeds (freed of yaw and of the slip σ_i that their forces make: v_x + |v| σ_i ε_σ),
     the speed signal, late by a time τ of its own: v_x − τ v̇; altitude, rate of climb;
     ``traction``: how much more the accelerometer reads than the torques explain, b + κ ā_x + ψ_m ā_y +
-    (γ_d − ε_m) a_d − (γ_b − ε_m) a_b + ε_m a_air − Δa_air − δf g + δT ∂a_d/∂T, where air resists by a_air =
-    d v|v| at rest and Δa_air = (1 + ε_a) d (v + w)|v + w| − d v|v| more in fact; ``attitude``: how much more
-    the body pitches than by the slope and its lean, 0 = Θ − θ − k ℓ − δk ā_x, ℓ the lean in terms of a
-    lasting force, ā_x what lasts.
+    γ_d a_d − γ_b a_b − ε_m (a_d − a_b − a_air − a_ω) − Δa_air − δf g + δT ∂a_d/∂T, where a_ω turns up
+    wheels and engine, air resists by a_air = d v|v| at rest and Δa_air = (1 + ε_a) d (v + w)|v + w| − d v|v|
+    more in fact; ``attitude``: how much more the body pitches than by the slope and its lean, 0 = Θ − θ −
+    k ℓ − δk ā_x, ℓ the lean in terms of a lasting force, ā_x what lasts.
 
     Attributes:
         road: how g sin θ changes along the road.
@@ -174,11 +176,15 @@ class AlongModel(StateSpaceModel):
         if "mass" not in self.states:
             return jnp.zeros(())
         mass, drive, brake = (x[self.place("mass") + i] for i in range(3))
-        gains = (drive - mass) * u.drive - (brake - mass) * u.brake + mass * self.air.resists(u.speed)
+        gains = drive * u.drive - brake * u.brake - mass * self.moved(u)
         gains -= self.headwind(x, u.speed)[0] + x[self.place("resistance")] * u.rolling
         if "torque_zero" in self.states:
             gains += x[self.place("torque_zero")] * u.lever
         return gains
+
+    def moved(self, u: AlongInput) -> Float[Array, ""]:
+        """By what of the specific forces that torques tell less is left as the car is loaded, m/s²."""
+        return u.drive - u.brake - self.air.resists(u.speed) - u.turned
 
     def headwind(self, x: Float[Array, " n"], speed: Float[Array, ""]) -> tuple[Array, Float[Array, " n"]]:
         """By how much air resists more than it would at rest by the file, m/s², and its derivative.

@@ -213,6 +213,7 @@ class AlongIntake(eqx.Module):
             brake=forces.brake,
             rolling=forces.rolling,
             lever=forces.lever,
+            turned=forces.turned,
             speed=speed,
             passing=speed + way(speed) * jnp.maximum(spread - _LOST, 0.0),
             intensity=intensity,

@@ -54,7 +54,7 @@ class AxleForces(NamedTuple):
         lean: of the body, as late as ``accel``.
         yaw_accel: rad/s², low-passed.
         explained: what torques and air resistance make of the first, m/s².
-        drive, brake, rolling, lever: as :class:`~roadstate.estimators.along.AlongInput`.
+        drive, brake, rolling, lever, turned: as :class:`~roadstate.estimators.along.AlongInput`.
         intensity: of the error of ``explained``, m/s²/√Hz.
         gust: what wind has in it, m/s²/√Hz: no error of what torques tell of the wheels.
         held: m/s², 1σ of what drive may have changed by since its torque came.
@@ -83,6 +83,7 @@ class AxleForces(NamedTuple):
     brake: Float[Array, ""]
     rolling: Float[Array, ""]
     lever: Float[Array, ""]
+    turned: Float[Array, ""]
     intensity: Float[Array, ""]
     gust: Float[Array, ""]
     held: Float[Array, ""]

@@ -143,7 +143,7 @@ class ForceMeter(eqx.Module):
         load = self.balance.car.wheel_loads(zero, zero)
         return AxleForces(
             four, two, load, four, four, now, still, four, zero, two, four + jnp.inf, two + jnp.inf, two,
-            Lean.upright(), zero, zero, zero, zero, zero, zero, zero + 1.0, zero, zero, zero + NEVER,
+            Lean.upright(), zero, zero, zero, zero, zero, zero, zero, zero + 1.0, zero, zero, zero + NEVER,
             no, no, no,
         )  # fmt: skip
 
@@ -186,14 +186,17 @@ class ForceMeter(eqx.Module):
         torque = state.torque + new * (fresh - state.torque)
         sharp = self._freed(signals.now, lean.ahead(SMOOTHING)) - accel_error
         held = Held(sharp[0], signals.age[ACCEL_X])
-        push, gentle = (jnp.sum(part) / (radius * mass) for part in (pulling, torque[:4]))
+        push = jnp.sum(pulling) / (radius * mass)
         angle, forward = jnp.clip(signals.smooth[STEER], -0.9, 0.9), way(speed)
         bend = held_back(accel[1], angle, car.cg_to_rear_axle / car.wheelbase)
         coefficient = car.rolling_coefficient(speed)
-        turns_up = (drive.inertia / mass - 1) * (accel[0] - slope)
-        lost = drag + bend + GRAVITY * coefficient * direction + turns_up
-        brakes = state.brakes.take(held, push - lost, gentle, forward, dt)
-        unseen = brakes.unseen(drive, self.knows_brakes, held.age < STALE)
+        drives, slows = jnp.sum(torque[:4]) / (radius * mass), jnp.sum(torque[4:]) / (radius * mass)
+        felt = held.age < STALE
+        lost = drag + bend + GRAVITY * coefficient * direction
+        turns = drive.inertia / mass - 1
+        turns_up = turns * jnp.where(felt, accel[0] - slope, (drives - slows - lost - slope) / (1 + turns))
+        brakes = state.brakes.take(held, push - lost - turns_up, drives, forward, dt)
+        unseen = brakes.unseen(drive, self.knows_brakes, felt)
         brakes_hold = jnp.sum(drive.brake_torque) > LEAST_BRAKING * mass * radius
         brakes_hold = brakes_hold | unseen.act | (drive.age >= STALE)
         scene = Scene(
@@ -206,7 +209,7 @@ class ForceMeter(eqx.Module):
             sine=jnp.sin(angle),
             forward=forward,
             known=drive.age < STALE,
-            felt=signals.age[ACCEL_X] < STALE,
+            felt=felt,
             unseen=unseen,
             is_held=brakes_hold & (jnp.abs(speed) < STANDSTILL_SPEED),
             held=state.held,
@@ -258,10 +261,11 @@ class ForceMeter(eqx.Module):
             lean=lean,
             yaw_accel=signals.rate[YAW_RATE],
             explained=slow.explained,
-            drive=jnp.sum(torque[:4]) / (radius * mass),
-            brake=jnp.sum(torque[4:]) / (radius * mass),
+            drive=drives,
+            brake=slows,
             rolling=GRAVITY * direction,
             lever=drive.lever / mass,
+            turned=turns_up,
             intensity=self._intensity(drive, scene, fresh - torque, speed, gust, accel),
             gust=gust,
             held=drive.held_std / mass,

@@ -319,7 +319,8 @@ class Joint(Estimator[JointState]):
         share = 1 + rolling[0]
         if "wheel_radius" in self.along.states:
             raw = raw.scaled(jnp.ones(8).at[SPIN].set(share))
-        heavy = balance._replace(explained=balance.explained * self.along.lightness(along.gaussian.mean))
+        heavier = 1 - self.along.lightness(along.gaussian.mean)
+        heavy = balance._replace(explained=balance.explained - heavier * self.along.moved(u))
         trust = self.trust.test(
             state.trust, raw, heavy, signal, speed, across[V_Y], held.repeats >= REPEATS, dt
         )
