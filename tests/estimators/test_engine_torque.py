@@ -22,11 +22,8 @@ GRADE = 0.02
 GEARS = (0, 5, 2, 3, 1, 4)
 
 
-@pytest.mark.parametrize("told", [-6.0, 6.0])
-def test_a_torque_that_is_off_is_told_from_a_slope_by_the_gears(
-    vehicle: Vehicle, drive: Callable[..., Log], told: float
-) -> None:
-    """Low gears multiply it, which neither a slope nor rolling resistance does."""
+def by_engine(vehicle: Vehicle, drive: Callable[..., Log], told: float) -> Log:
+    """Gear after gear uphill, the engine's torque told by so many N·m too high."""
     gain = np.tile(np.repeat([0.6, 0.0, -0.4, -0.2], 400), 6)
     gear = np.array(vehicle.driveline.gear_ratios)[np.repeat(GEARS, 1600)]
     speed = 12 + np.cumsum(gain) * DT
@@ -41,13 +38,32 @@ def test_a_torque_that_is_off_is_told_from_a_slope_by_the_gears(
     rng = np.random.default_rng(2)
     seen = {c: v for c, v in log.channels.items() if "torque" not in c}
     seen["accel_x"] = seen["accel_x"] + 0.03 * rng.standard_normal(len(speed))
-    seen |= {"engine_torque": engine + told, "gear_ratio": gear}
-    log = Log(log.time, seen)
+    return Log(log.time, seen | {"engine_torque": engine + told, "gear_ratio": gear})
+
+
+@pytest.mark.parametrize("told", [-6.0, 6.0])
+def test_a_torque_that_is_off_is_told_from_a_slope_by_the_gears(
+    vehicle: Vehicle, drive: Callable[..., Log], told: float
+) -> None:
+    """Low gears multiply it, which neither a slope nor rolling resistance does."""
+    log = by_engine(vehicle, drive, told)
     found = scan(build("joint", vehicle, log.available), log)
     error, std = found.values["grade"] - GRADE, found.std["grade"]
     late = log.time > 48
     assert np.mean((np.abs(error) < 2 * std)[log.time > 1]) > 0.95
     assert np.sqrt(np.mean(error[late] ** 2)) < 0.002
+
+
+@pytest.mark.parametrize("load", [-0.2, 0.5])
+def test_a_load_turns_up_no_engine(vehicle: Vehicle, drive: Callable[..., Log], load: float) -> None:
+    """Else a load would seem to be less than it is: in low gears much of the torque turns up the engine."""
+    log = by_engine(vehicle, drive, 0.0)
+    prior = vehicle.prior.model_copy(update={"mass_relative": 0.3})
+    torque = vehicle.sensors.engine_torque.model_copy(update={"relative": 0.005})
+    sensors = vehicle.sensors.model_copy(update={"engine_torque": torque})
+    file = {"mass": vehicle.mass / (1 + load), "prior": prior, "sensors": sensors}
+    found = scan(build("joint", vehicle.model_copy(update=file), log.available), log)
+    assert found.values["mass"][-1] == pytest.approx(vehicle.mass, rel=0.01)
 
 
 def test_only_an_engine_has_gears_that_multiply_it(vehicle: Vehicle) -> None:
