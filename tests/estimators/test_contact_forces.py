@@ -14,14 +14,22 @@ from jaxtyping import Array
 from roadstate.core import WHEELS
 from roadstate.core.constants import GRAVITY
 from roadstate.estimators.axle_forces import AxleForces
+from roadstate.estimators.base import Sample
 from roadstate.estimators.contact_forces import ForceMeter, ForceMeterState
 from roadstate.estimators.intake import ACCEL_X, ACCEL_Y, SPIN, Signals
 from roadstate.estimators.load_transfer import Lean
 from roadstate.vehicles import Vehicle, load_vehicle
 
-read = eqx.filter_jit(ForceMeter.read)
+read_of = eqx.filter_jit(ForceMeter.read)
 
 SPEED, STEP = 20.0, 0.01
+
+
+def read(
+    meter: ForceMeter, state: ForceMeterState, sample: Sample, signals: Signals, *about: Array
+) -> tuple[ForceMeterState, AxleForces]:
+    """Of a car that weighs what its file says."""
+    return read_of(meter, state, sample, signals, *about[:-1], jnp.ones(()), about[-1])
 
 
 @pytest.fixture(scope="module")
@@ -36,6 +44,7 @@ def balance(
     torque: float,
     slope: float = 0.0,
     gear: float = 0.0,
+    lightness: float = 1.0,
 ) -> AxleForces:
     """At 20 m/s, straight on, each front wheel driven by a torque, or both by an engine's in a gear;
     everything as it has long been."""
@@ -52,9 +61,8 @@ def balance(
         sample = {"engine_torque": jnp.asarray(torque), "gear_ratio": jnp.asarray(gear)}
     leaning = Lean(jnp.asarray(accel), jnp.zeros(()), jnp.asarray(accel))
     state = meter.init()._replace(lean=leaning)
-    _, forces = read(
-        meter, state, sample, signals, jnp.asarray(SPEED), jnp.zeros(2), jnp.asarray(slope), jnp.asarray(STEP)
-    )
+    speed, about = jnp.asarray(SPEED), (jnp.asarray(slope), jnp.asarray(lightness))
+    _, forces = read_of(meter, state, sample, signals, speed, jnp.zeros(2), *about, jnp.asarray(STEP))
     return forces
 
 
@@ -198,6 +206,23 @@ def test_a_body_does_not_lean_by_torques_that_lie(vehicle: Vehicle) -> None:
     """The accelerometer says for seconds that the car brakes, and torques that it is driven."""
     lying = leans(vehicle, ("drive_torque", "brake_torque"), lasting=-4.0)[300:]
     assert lying.mean() == pytest.approx(-4.0, abs=0.2)
+
+
+@pytest.mark.parametrize("load", [-0.2, 0.0, 0.7])
+def test_what_turns_up_an_engine_is_told_by_its_torque(vehicle: Vehicle, load: float) -> None:
+    """(Θ − m) v̇ of Θ' v̇ = F − c v² − f m g − m g sin θ with the mass loaded; no matter what is felt."""
+    line, slope, torque = vehicle.driveline, 0.3, 120.0
+    ratio, mass = 3.62 * line.final_drive, vehicle.mass * (1 + load)
+    rotating = vehicle.effective_mass(ratio) - vehicle.mass
+    told = [
+        balance(vehicle, felt, [0.0] * 4, torque, slope, gear=3.62, lightness=1 / (1 + load))
+        for felt in (0.0, 2.0)
+    ]
+    car = ForceMeter(vehicle, ["engine_torque", "gear_ratio"]).balance.car
+    force = torque * ratio * line.efficiency / vehicle.wheels.radius - float(car.drag(SPEED))
+    gains = (force / mass - GRAVITY * float(car.rolling_coefficient(SPEED)) - slope) / (1 + rotating / mass)
+    for forces in told:
+        assert float(forces.turned) == pytest.approx(rotating / vehicle.mass * gains, rel=1e-6)
 
 
 def test_noise_of_torques_is_no_force_and_a_jump_of_them_is_one_at_once(vehicle: Vehicle) -> None:

@@ -158,9 +158,22 @@ class TestEngineSpeed:
         flags = [bool(t.is_shifting) for t in self.drive(meter, up)]
         assert all(flags[120:189])
         assert not any(flags[75:120])
-        assert not any(flags[193:])
+        assert not any(flags[215:])
         drift = [(15.0, 15 / R * 6 * (1 + 0.1 * k * DT)) for k in range(240)]  # a converter, 10 % a second
         assert not any(bool(t.is_shifting) for t in self.drive(meter, drift)[75:])
+
+    @pytest.mark.parametrize("takes", [0.1, 0.3, 0.6])
+    def test_a_clutch_that_slips_from_gear_to_gear_is_no_gear(
+        self, meter: TractionMeter, R: float, takes: float
+    ) -> None:
+        """At 100 Hz no sample differs much from the one before, but from what the ratio was lately."""
+        noise = 1 + 0.005 * np.random.default_rng(1).standard_normal(400)
+        ratio = np.interp(np.arange(400) * DT, [1.5, 1.5 + takes], [7.9, 5.2]) * noise
+        flags = [bool(t.is_shifting) for t in self.drive(meter, [(15.0, 15 / R * r) for r in ratio])]
+        assert not any(flags[75:150])
+        # from half of the way on, until it has long closed
+        assert all(flags[150 + round(50 * takes) : 150 + round(100 * takes) + 69])
+        assert not any(flags[-100:])
 
     @pytest.mark.parametrize(
         ("speed", "engine_speed"),

@@ -155,6 +155,7 @@ class ForceMeter(eqx.Module):
         speed: Float[Array, ""],
         accel_error: Float[Array, " 2"],
         slope: Float[Array, ""],
+        lightness: Float[Array, ""],
         dt: Float[Array, ""],
     ) -> tuple[ForceMeterState, AxleForces]:
         """Take a sample ``dt`` after the last.
@@ -166,6 +167,7 @@ class ForceMeter(eqx.Module):
             speed: m/s, the estimate so far.
             accel_error: (2,) by how much the accelerometers are thought to read too high, m/s².
             slope: what gravity takes of the acceleration, as thought so far, m/s².
+            lightness: the file's mass over what the car is thought to have so far.
             dt: s.
         """
         car, radius, mass = self.balance.car, self.balance.car.wheel_radius[0], self.balance.car.mass
@@ -192,10 +194,12 @@ class ForceMeter(eqx.Module):
         coefficient = car.rolling_coefficient(speed)
         drives, slows = jnp.sum(torque[:4]) / (radius * mass), jnp.sum(torque[4:]) / (radius * mass)
         felt = held.age < STALE
-        lost = drag + bend + GRAVITY * coefficient * direction
-        turns = drive.inertia / mass - 1
-        turns_up = turns * jnp.where(felt, accel[0] - slope, (drives - slows - lost - slope) / (1 + turns))
-        brakes = state.brakes.take(held, push - lost - turns_up, drives, forward, dt)
+        lost = lightness * drag + bend + GRAVITY * coefficient * direction
+        rotating = drive.inertia / mass - 1
+        pushes = lightness * (push - rotating * (accel[0] - slope)) - lost
+        # as torques tell it: what the accelerometer's noise moves would seem to be a load
+        gains = (lightness * (drives - slows) - lost - slope) / (1 + lightness * rotating)
+        brakes = state.brakes.take(held, pushes, drives, forward, dt)
         unseen = brakes.unseen(drive, self.knows_brakes, felt)
         brakes_hold = jnp.sum(drive.brake_torque) > LEAST_BRAKING * mass * radius
         brakes_hold = brakes_hold | unseen.act | (drive.age >= STALE)
@@ -265,7 +269,7 @@ class ForceMeter(eqx.Module):
             brake=slows,
             rolling=GRAVITY * direction,
             lever=drive.lever / mass,
-            turned=turns_up,
+            turned=rotating * gains,
             intensity=self._intensity(drive, scene, fresh - torque, speed, gust, accel),
             gust=gust,
             held=drive.held_std / mass,

@@ -259,7 +259,8 @@ class Joint(Estimator[JointState]):
         error = jnp.stack([bias, jnp.zeros_like(bias)])
         rolls = self.inputs.rims.mean(seen)
         moving = self.inputs.moving(state, sample, seen, rolls)
-        meter, balance = self.forces.read(state.forces, sample, seen, moving, error, x[SLOPE], dt)
+        lightness = self.along.lightness(x)
+        meter, balance = self.forces.read(state.forces, sample, seen, moving, error, x[SLOPE], lightness, dt)
         forces = balance._replace(age=jnp.where(verdict.lies[TORQUE], NEVER, balance.age))
         rims, u, z = self.inputs.read(
             state, seen, forces, sample, across[V_Y], dt, verdict.sign(ACCEL_X), way

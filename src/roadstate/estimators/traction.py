@@ -28,8 +28,9 @@ _IDLE = 100.0  # rad/s: no engine that has gears turns more slowly, but its clut
 _APART = (3.0, 0.1)  # rad/s, and as a share, by which engine and gears differ where nothing slips
 _HEARD = 0.5  # s for which an engine's speed tells
 _SHIFT_TIME = 0.7  # s after a change of gear, or a slip, in which torque and inertia are not what they seem
-_RATIO_JUMP = 0.08  # relative change of ratio between samples that counts as another gear
-_RATIO_RATE = 0.35  # 1/s: relative rate of change of a measured ratio that means slip or a shift
+_RATIO_JUMP = 0.08  # relative change of a ratio that is told that counts as another gear
+# relative change of a measured ratio that means slip or a shift, and s it is taken over; 1/s, of a rare one
+_RATIO_CHANGE, _RATIO_TIME, _RATIO_RATE = 0.05, 0.1, 0.35
 _BRAKE_RELATIVE = 0.2  # 1σ of a brake's torque per pressure (pads, temperature)
 LEAST_BRAKING = 0.15
 """m/s²: a brake torque that slows the car down by less is noise or drag."""
@@ -91,6 +92,7 @@ class TractionState(NamedTuple):
 
     Attributes:
         held, ratio, since_shift: these.
+        usual: the ratio, low-passed where it is measured.
         drive: N, the drive's part at the last sample.
         gap: s, the longest of late without a torque.
         changes: N²/s, mean square of the drive's changes.
@@ -98,6 +100,7 @@ class TractionState(NamedTuple):
 
     held: dict[str, Held]
     ratio: Float[Array, ""]
+    usual: Float[Array, ""]
     since_shift: Float[Array, ""]
     drive: Float[Array, ""]
     gap: Float[Array, ""]
@@ -198,7 +201,7 @@ class TractionMeter(eqx.Module):
     def init(self) -> TractionState:
         """Nothing has come yet."""
         zero, held = jnp.zeros(()), {c: Held.empty() for c in self.channels}
-        return TractionState(held, zero, zero, zero, zero, (_WANDERS[0] * self._mass) ** 2)
+        return TractionState(held, zero, zero, zero, zero, zero, (_WANDERS[0] * self._mass) ** 2)
 
     def read(
         self, state: TractionState, sample: Sample, speed: Float[Array, ""], dt: Float[Array, ""]
@@ -212,7 +215,7 @@ class TractionMeter(eqx.Module):
             dt: s.
         """
         held = {c: state.held[c].take(sample[c], dt) for c in self.channels}
-        ratio, since_shift, is_shifting = self._gear(state, held, speed, dt)
+        ratio, usual, since_shift, is_shifting = self._gear(state, held, speed, dt)
         if self.source == "wheels":
             zero = jnp.zeros(())
             each = jnp.stack([held[w].value if w in held else zero for w in _DRIVE])
@@ -251,7 +254,7 @@ class TractionMeter(eqx.Module):
             drive_torque=each,
             brake_torque=braking,
         )
-        return TractionState(held, ratio, since_shift, drive, gap, changes), traction
+        return TractionState(held, ratio, usual, since_shift, drive, gap, changes), traction
 
     def _age(self, held: dict[str, Held]) -> Float[Array, ""]:
         """s since the torque came, of wheels the one that is silent for longest."""
@@ -260,13 +263,13 @@ class TractionMeter(eqx.Module):
 
     def _gear(
         self, state: TractionState, held: dict[str, Held], speed: Float[Array, ""], dt: Float[Array, ""]
-    ) -> tuple[Float[Array, ""], Float[Array, ""], Bool[Array, ""]]:
-        """Total ratio in mesh, time since it last changed (s), and whether it is changing or open."""
+    ) -> tuple[Float[Array, ""], Float[Array, ""], Float[Array, ""], Bool[Array, ""]]:
+        """Total ratio in mesh, the usual one, s since it last changed, and whether it is changing or open."""
         never = jnp.full((), 1e3)
         if self.source in ("wheels", "single"):
-            return self._single_ratio * jnp.ones(()), never, jnp.zeros((), bool)
+            return self._single_ratio * jnp.ones(()), state.usual, never, jnp.zeros((), bool)
         if self.source == "gear":
-            ratio = held["gear_ratio"].value * self._final_drive
+            ratio, usual = held["gear_ratio"].value * self._final_drive, state.usual
             changed = jnp.abs(ratio - state.ratio) > _RATIO_JUMP * jnp.abs(state.ratio)
             slips = self._slips(held, jnp.abs(ratio * speed) / self._radius)
             # as a clutch closes, an engine's inertia begins to weigh
@@ -277,13 +280,15 @@ class TractionMeter(eqx.Module):
             quotient = held["engine_speed"].value * self._radius / jnp.where(new, speed, _SLOWEST_RATIO)
             gap = jnp.maximum(state.held["engine_speed"].age + dt, 1e-3)
             ratio = jnp.where(new, quotient, state.ratio)
-            drift = jnp.abs(ratio - state.ratio) / jnp.maximum(jnp.abs(state.ratio), 1e-3)
-            changed = new & (drift > jnp.maximum(_RATIO_RATE * gap, _RATIO_JUMP))
+            drift = jnp.abs(ratio - state.usual) / jnp.maximum(jnp.abs(state.usual), 1e-3)
+            changed = new & (drift > jnp.maximum(_RATIO_RATE * gap, _RATIO_CHANGE))
+            follows = jnp.where(state.usual == 0, 1.0, -jnp.expm1(-gap / _RATIO_TIME))
+            usual = state.usual + jnp.where(new, follows, 0.0) * (ratio - state.usual)
             low, high = self._ratio_range
             is_open = (jnp.abs(ratio) < low) | (jnp.abs(ratio) > high) | (jnp.abs(speed) <= _SLOWEST_RATIO)
             ratio = jnp.where(ratio < 0, -1.0, 1.0) * jnp.clip(jnp.abs(ratio), low, high)
         since = jnp.where(changed, 0.0, state.since_shift + dt)
-        return ratio, since, is_open | (since < _SHIFT_TIME)
+        return ratio, usual, since, is_open | (since < _SHIFT_TIME)
 
     def _slips(self, held: dict[str, Held], turning: Float[Array, ""]) -> Bool[Array, ""]:
         """Whether clutch or converter slip, so that the engine does not turn as the wheels make the gears.
