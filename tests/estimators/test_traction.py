@@ -188,6 +188,18 @@ class TestEngineSpeed:
             assert np.isfinite(float(traction.force))
             assert float(traction.inertia) < 4 * 1500
 
+    def test_wheels_that_spin_turn_the_engine_and_are_no_shift(
+        self, meter: TractionMeter, vehicle: Vehicle, R: float
+    ) -> None:
+        """On ice a car at 5 m/s spins its wheels up to 15 m/s in half a second."""
+        rims = jnp.asarray(np.interp(np.arange(200), [100, 150], [5.0, 15.0]))
+        total, state = 2.0 * vehicle.driveline.final_drive, meter.init()
+        for k, rim in enumerate(rims):
+            sample = {"engine_torque": jnp.asarray(80.0), "engine_speed": rim / R * total}
+            state, told = meter.read(state, sample, jnp.asarray(5.0), jnp.asarray(DT), rim)
+            assert k < 75 or not told.is_shifting
+        assert float(told.force) == pytest.approx(80 * total / R * vehicle.driveline.efficiency)
+
     def test_between_samples_the_gear_stays(self, meter: TractionMeter, R: float) -> None:
         """Engine speed at 2 Hz, as by OBD: the ratio is held and its natural drift is no shift."""
         state, flags, forces = meter.init(), [], []

@@ -19,6 +19,7 @@ from roadstate.estimators.intake import (
     ACCEL_X,
     ACCEL_Y,
     SMOOTHING,
+    SPIN,
     STALE,
     STEER,
     YAW_RATE,
@@ -55,6 +56,9 @@ _STIRRED = 0.15  # s for which what stirs up wheels and brakes goes on
 _BOUNCES, _STEADY, _BOUNCE_TIME = 8.0, 1e-3, 0.2
 _LOCKED = 3.0  # s for which it is remembered that brakes locked wheels
 _DIFFERENTIAL = 0.1  # 1σ of what a wheel gets of an engine's torque, as a share of it
+_HEARD = (
+    0.1  # share of the drive that wheels get, at the least, whose speeds tell how fast the engine is turned
+)
 
 
 class ForceMeterState(NamedTuple):
@@ -172,7 +176,7 @@ class ForceMeter(eqx.Module):
         """
         car, radius, mass = self.balance.car, self.balance.car.wheel_radius[0], self.balance.car.mass
         accel = self._freed(signals.smooth, state.lean) - accel_error
-        traction, drive = self._torques(state.traction, sample, speed, dt)
+        traction, drive = self._torques(state.traction, sample, signals, speed, dt)
         # what rough roads shake the accelerometer by does not make the body lean
         cause, intensity, apart = state.explained
         apart = apart - jnp.expm1(-dt / _LATELY) * (accel[0] - cause - apart)
@@ -288,10 +292,13 @@ class ForceMeter(eqx.Module):
         return jnp.stack([lean.freed(signals[ACCEL_X], self._pitching), signals[ACCEL_Y]])
 
     def _torques(
-        self, state: TractionState | None, sample: Sample, speed: Array, dt: Array
+        self, state: TractionState | None, sample: Sample, signals: Signals, speed: Array, dt: Array
     ) -> tuple[TractionState | None, Traction]:
         if self._traction is not None and state is not None:
-            return self._traction.read(state, sample, speed, dt)
+            heard = jnp.where(signals.age[SPIN] < STALE, self.balance.driven, 0.0)
+            share, radius = jnp.sum(heard), self.balance.car.wheel_radius[0]
+            rim = radius * jnp.sum(heard * signals.value[SPIN]) / jnp.maximum(share, _HEARD)
+            return self._traction.read(state, sample, speed, dt, jnp.where(share < _HEARD, speed, rim))
         turning = jnp.sum(self.balance.car.wheel_inertia) / self.balance.car.wheel_radius[0] ** 2
         return None, Traction.unknown(self.balance.car.mass + turning)
 

@@ -204,7 +204,12 @@ class TractionMeter(eqx.Module):
         return TractionState(held, zero, zero, zero, zero, zero, (_WANDERS[0] * self._mass) ** 2)
 
     def read(
-        self, state: TractionState, sample: Sample, speed: Float[Array, ""], dt: Float[Array, ""]
+        self,
+        state: TractionState,
+        sample: Sample,
+        speed: Float[Array, ""],
+        dt: Float[Array, ""],
+        rim: Float[Array, ""] | None = None,
     ) -> tuple[TractionState, Traction]:
         """Take a sample ``dt`` after the last.
 
@@ -213,9 +218,10 @@ class TractionMeter(eqx.Module):
             sample: the channels at this instant.
             speed: m/s, the estimate so far.
             dt: s.
+            rim: R ω of the driven wheels, m/s, if it is known: wheels that spin turn the engine, too.
         """
         held = {c: state.held[c].take(sample[c], dt) for c in self.channels}
-        ratio, usual, since_shift, is_shifting = self._gear(state, held, speed, dt)
+        ratio, usual, since_shift, is_shifting = self._gear(state, held, speed if rim is None else rim, dt)
         if self.source == "wheels":
             zero = jnp.zeros(())
             each = jnp.stack([held[w].value if w in held else zero for w in _DRIVE])
@@ -264,7 +270,10 @@ class TractionMeter(eqx.Module):
     def _gear(
         self, state: TractionState, held: dict[str, Held], speed: Float[Array, ""], dt: Float[Array, ""]
     ) -> tuple[Float[Array, ""], Float[Array, ""], Float[Array, ""], Bool[Array, ""]]:
-        """Total ratio in mesh, the usual one, s since it last changed, and whether it is changing or open."""
+        """Total ratio in mesh, the usual one, s since it last changed, and whether it is changing or open.
+
+        ``speed`` is that of the driven wheels' rims.
+        """
         never = jnp.full((), 1e3)
         if self.source in ("wheels", "single"):
             return self._single_ratio * jnp.ones(()), state.usual, never, jnp.zeros((), bool)
