@@ -63,6 +63,21 @@ def test_the_motion_is_known_to_its_end(
         assert np.mean(np.abs(off) < 3 * said.std[quantity][100:]) > 0.9
 
 
+def test_a_receiver_tells_where_the_car_goes_not_where_it_points(
+    vehicle: Vehicle, spins: list[tuple[Log, Estimates]]
+) -> None:
+    """At 45° of sideslip v_x is 0.7 of the speed over ground; to its own channels that is no fault."""
+    cars = [build("joint", told(vehicle, MISMATCHED, s), log.available) for s, (log, _) in enumerate(spins)]
+    logs = [log for log, _ in spins]
+    for log, said in zip(logs, batch(cars, logs), strict=True):
+        apart = np.abs(log["speed"] - log["ref_velocity_x"])
+        assert np.nanmax(apart) > 3.0
+        off, std = error(log, said, "speed")[100:], said.std["speed"][100:]
+        assert np.sqrt(np.mean(off**2)) < 0.4
+        assert np.mean(np.abs(off) < 3 * std) > 0.9
+        assert said.metadata["faults"] == []
+
+
 def test_friction_stays_known(spins: list[tuple[Log, Estimates]]) -> None:
     for log, said in spins:
         late = log.time > 3.5

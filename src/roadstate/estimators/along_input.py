@@ -49,6 +49,8 @@ _FIRST = 0.01  # s that the first sample of all counts for
 _AGE = 0.1  # s by which a receiver's rate of climb may be late
 _JITTER = 0.02  # s: 1σ of what its speed is later or earlier than usual
 _LEARNED = ("vertical_speed", "traction", "attitude")  # sensors whose noise is learned
+_SIDEWAYS = 0.9  # of the speed may be v_y at the most
+_SLIDES = (0.05, 2.0)  # m/s: 1σ of v_y from which on it errs for so long that it counts, as √s
 _RECEIVED = ("latitude", "vertical_speed")  # channels that only a satellite receiver gives
 _UNHEARD = 1.0  # s without a speed, which accelerations alone carry on no further
 _MOVING = 2.0  # m/s from which sensors err as they usually do
@@ -60,7 +62,7 @@ class AlongIntake(eqx.Module):
     Attributes:
         sensors: the model's.
         learned: places of those whose noise is learned.
-        over_ground: whether the speed signal is a receiver's: level, not along the slope.
+        over_ground: whether the speed signal is a receiver's: level and where the car goes, not along its x.
         watches_brakes: whether torques tell of the drive, and nothing of brakes.
         rims: what each wheel tells of the speed.
         learner: of the noise.
@@ -167,7 +169,7 @@ class AlongIntake(eqx.Module):
         seen: Signals,
         forces: AxleForces,
         sample: Sample,
-        velocity_y: Array,
+        sideslip: Float[Array, " 2"],
         dt: Array,
         sign: Array,
         direction: Array,
@@ -179,7 +181,7 @@ class AlongIntake(eqx.Module):
             seen: signals of this instant.
             forces: of this instant.
             sample: the channels, of which satellites' and the pitch rate are read.
-            velocity_y: m/s.
+            sideslip: v_y and its 1σ, m/s.
             dt: s.
             sign: by which the last sample of the longitudinal accelerometer is to be multiplied.
             direction: what an unsigned speed is to be multiplied by; NaN where that is not known.
@@ -204,7 +206,7 @@ class AlongIntake(eqx.Module):
         turning = jnp.where(bends, aside, 0.0)
         turning = jnp.where(seen.age[YAW_RATE] < STALE, seen.smooth[YAW_RATE], turning)
         u = AlongInput(
-            accel=accel + velocity_y * turning,
+            accel=accel + sideslip[0] * turning,
             by_torque=by_torque,
             gaining=forces.accel[0] - x[SLOPE],
             lean=lean.accel,
@@ -245,9 +247,8 @@ class AlongIntake(eqx.Module):
                 if name == "speed":
                     value = signed(value, direction)
                     if self.over_ground:
-                        is_told = jnp.isfinite(value)
-                        level = root(1 - jnp.clip(x[SLOPE] / GRAVITY, -0.5, 0.5) ** 2)
-                        value = jnp.where(is_told, jnp.where(is_told, value, 0.0) / level, jnp.nan)
+                        value, unsure = _ahead(value, x[SLOPE], sideslip)
+                        std = rss(std, unsure)
                     std = rss(std, _JITTER * u.gaining)
                 if name == "vertical_speed":
                     swell = _AGE * u.gaining * x[SLOPE] / GRAVITY
@@ -262,7 +263,9 @@ class AlongIntake(eqx.Module):
             both = jnp.where(state.shortfall.is_brake, UNKNOWN["brake"], both)
             stds.append((both / root(since[ACCEL_X]))[None])
             u = u._replace(intensity=jnp.where(felt, self.white(state.unrest, forces)[0], u.intensity))
-        u = u._replace(intensity=rss(u.intensity, between))
+        # where the car slides far, what is not known of v_y r is no slope
+        slides = _SLIDES[1] * jnp.maximum(sideslip[1] - _SLIDES[0], 0.0) * jnp.abs(turning)
+        u = u._replace(intensity=rss(u.intensity, between, slides))
         if "attitude" in self.sensors:
             parts.append(jnp.zeros(1))  # where a pitch rate comes that is believed
             stds.append(lean_std(state.pitch, _since(state.pitch.gyro.rate.age, dt))[None])
@@ -278,3 +281,21 @@ class AlongIntake(eqx.Module):
 def _since(age: Array, dt: Array) -> Array:
     """As :func:`~roadstate.estimators.signals.span`; of channels that nothing has come of, too."""
     return jnp.where(age < NEVER, span(age, dt, STALE), _FIRST)
+
+
+def _ahead(
+    speed: Float[Array, ""], slope: Float[Array, ""], sideslip: Float[Array, " 2"]
+) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    """v_x of a speed over level ground, and 1σ of what v_y leaves unsure of it.
+
+    Args:
+        speed: m/s, NaN where none is told.
+        slope: g times the grade's sine, m/s².
+        sideslip: v_y and its 1σ, m/s.
+    """
+    is_told = jnp.isfinite(speed)
+    level = root(1 - jnp.clip(slope / GRAVITY, -0.5, 0.5) ** 2)
+    whole = jnp.where(is_told, speed, 0.0) / level
+    aside = jnp.clip(sideslip[0] / jnp.maximum(jnp.abs(whole), 1.0), -_SIDEWAYS, _SIDEWAYS)
+    ahead = whole * root(1 - aside**2)
+    return jnp.where(is_told, ahead, jnp.nan), jnp.abs(aside) * sideslip[1]

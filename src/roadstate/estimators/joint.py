@@ -262,9 +262,8 @@ class Joint(Estimator[JointState]):
         lightness = self.along.lightness(x)
         meter, balance = self.forces.read(state.forces, sample, seen, moving, error, x[SLOPE], lightness, dt)
         forces = balance._replace(age=jnp.where(verdict.lies[TORQUE], NEVER, balance.age))
-        rims, u, z = self.inputs.read(
-            state, seen, forces, sample, across[V_Y], dt, verdict.sign(ACCEL_X), way
-        )
+        sideslip = jnp.stack([across[V_Y], across_std[V_Y]])
+        rims, u, z = self.inputs.read(state, seen, forces, sample, sideslip, dt, verdict.sign(ACCEL_X), way)
         steps = self.watch.step(state.watch, WHEEL_SPEEDS)
         pushed = jnp.where(forces.may_brake, forces.accel[0], 0.0)
         white = self.contact.white(seen)
