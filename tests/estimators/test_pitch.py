@@ -158,6 +158,25 @@ def test_wheels_that_slip_in_a_sharp_bend_are_not_held_against_it(
     assert bool(meter.is_faulty(state)) is fails
 
 
+@pytest.mark.parametrize(
+    ("slips", "fails"),
+    [((-0.4, 0.0, 0.0, 0.0), False), ((0.0, 0.0, 0.0, 0.4), False), ((-0.1, -0.1, -0.1, -0.1), True)],
+)
+def test_a_wheel_that_is_braked_alone_is_not_held_against_it(
+    slips: tuple[float, ...], fails: bool, vehicle: Vehicle
+) -> None:
+    """As stability control does, for a second."""
+    meter = PitchMeter(vehicle)
+    state, sure, part = meter.init(), jnp.asarray(0.0082), jnp.asarray(0.0081)
+    for i in range(200):
+        state, _, _ = read(meter, state, 0.013 + 1e-6 * i)
+        pulled = jnp.asarray(slips) if i > 100 else jnp.zeros(4), jnp.full(4, 0.04)
+        state = meter.judge(
+            state, jnp.zeros(()), sure, part, pulled, SPEED, STRAIGHT, IN_TIME, jnp.asarray(DT)
+        )
+    assert bool(meter.is_faulty(state)) is fails
+
+
 def test_samples_that_no_body_makes_are_never_believed(vehicle: Vehicle) -> None:
     meter = PitchMeter(vehicle)
     state, _, _ = read(meter, meter.init(), 0.013)

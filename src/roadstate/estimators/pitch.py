@@ -172,7 +172,10 @@ class PitchMeter(eqx.Module):
         expected = root(innovation_std**2 - sensor_std**2)
         heard = jnp.isfinite(speeds[0])
         count = jnp.sum(heard)
-        mean = jnp.sum(jnp.where(heard, speeds[0], 0.0) / speeds[1]) / jnp.maximum(count, 1)
+        each = jnp.where(heard, speeds[0], 0.0) / speeds[1]
+        # a gyroscope pulls them all; the one that is farthest off may be a wheel that is braked alone
+        rest = jnp.where(count > 2, jnp.arange(len(each)) != jnp.argmax(jnp.abs(each)), True)
+        mean = jnp.sum(jnp.where(rest, each, 0.0)) / jnp.maximum(jnp.where(count > 2, count - 1, count), 1)
         mean = jnp.clip(mean, -_MOST[1], _MOST[1])
         share = -jnp.expm1(-dt / _ODD_TIME)
         told = state.pull + jnp.where(count > 0, share, 0.0) * (mean - state.pull)
