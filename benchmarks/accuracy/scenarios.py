@@ -52,6 +52,7 @@ class Scenario:
         prepare: the manoeuvre, for a vehicle.
         is_long: over half a minute: recorded with few seeds only.
         wind: velocity of the air along the world's x and y, m/s.
+        stability: whether stability control is on besides anti-lock and traction control.
     """
 
     name: str
@@ -59,6 +60,7 @@ class Scenario:
     prepare: Callable[[Vehicle], Manoeuvre]
     is_long: bool = False
     wind: tuple[float, float] = (0.0, 0.0)
+    stability: bool = False
 
 
 def few(seeds: int) -> int:
@@ -128,15 +130,16 @@ def _recorded(vehicle: Vehicle, scenario: Scenario, seeds: int) -> list[Log]:
     return list(recordings(driven(vehicle, scenario), _condition(vehicle, scenario), MISMATCHED, seeds))
 
 
-def _plant(vehicle: Vehicle, wind: tuple[float, float]) -> Plant:
-    return multibody_plant(vehicle, anti_lock=True, traction_control=True, wind=wind)
+def _plant(vehicle: Vehicle, wind: tuple[float, float], stability: bool) -> Plant:
+    return multibody_plant(
+        vehicle, anti_lock=True, traction_control=True, stability_control=stability, wind=wind
+    )
 
 
 def _condition(vehicle: Vehicle, scenario: Scenario) -> Condition:
     sensors = sensor_preset("automotive")
-    return Condition(
-        scenario.name, scenario.title, vehicle, scenario.prepare, partial(_plant, wind=scenario.wind), sensors
-    )
+    plant = partial(_plant, wind=scenario.wind, stability=scenario.stability)
+    return Condition(scenario.name, scenario.title, vehicle, scenario.prepare, plant, sensors)
 
 
 @cache

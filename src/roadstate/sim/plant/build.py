@@ -19,6 +19,7 @@ from roadstate.sim.plant.figures import PlantFigures, full_pedal, usual_figures
 from roadstate.sim.plant.figures import Suspension as SuspensionFigures
 from roadstate.sim.plant.handling import matched
 from roadstate.sim.plant.multibody import Aerodynamics, MultibodyPlant
+from roadstate.sim.plant.stability import StabilityControl
 from roadstate.sim.plant.steering import Steering
 from roadstate.sim.plant.suspension import Suspension
 from roadstate.sim.plant.tire_figures import corner_loads, plant_tire, tires_per_corner
@@ -49,6 +50,7 @@ def multibody_plant(
     stiffness_follows_friction: bool = False,
     anti_lock: bool = False,
     traction_control: bool = False,
+    stability_control: bool = False,
     wind: tuple[float, float] = (0.0, 0.0),
     inner_step: float = 0.001,
 ) -> MultibodyPlant:
@@ -60,7 +62,7 @@ def multibody_plant(
         figures: what the file does not hold; where not set, :func:`usual_figures` of the vehicle.
         tir: a tire property file instead of the package's tire, scaled.
         stiffness_follows_friction: as :func:`roadstate.sim.plant.tire_figures.plant_tire`.
-        anti_lock, traction_control: whether the brakes' controls are on.
+        anti_lock, traction_control, stability_control: whether these controls are on.
         wind: velocity of the air along the world's x and y, m/s.
         inner_step: of the integration, s.
 
@@ -108,8 +110,15 @@ def multibody_plant(
                 wind=np.array([*wind, 0.0]),
             )
         ),
+        stability=_stability(vehicle) if stability_control else None,
         inner_step=inner_step,
     )
+
+
+def _stability(vehicle: Vehicle) -> StabilityControl:
+    ratio = 1.0 if vehicle.steering is None else vehicle.steering.ratio
+    understeer = max(vehicle.understeer_gradient, 0.0)
+    return StabilityControl(**_leaves(ratio=ratio, wheelbase=vehicle.wheelbase, understeer=understeer))
 
 
 def _leaves(**values: Any) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from roadstate.sim.plant.brakes import Brakes, BrakeState
 from roadstate.sim.plant.chassis import Accelerations, Chassis, Loads
 from roadstate.sim.plant.contact import Contact, Frame, Ground, Tires, frames, ground, limit_slip, relax_slip
 from roadstate.sim.plant.driveline import Drive, Driveline, Memory
+from roadstate.sim.plant.stability import StabilityControl
 from roadstate.sim.plant.steering import Steering
 from roadstate.sim.plant.suspension import Suspension
 from roadstate.sim.plant.vectors import attitude_rate, cross, dot, rotation, settled, to_body, to_world
@@ -146,6 +147,7 @@ class MultibodyPlant(eqx.Module):
 
     Attributes:
         chassis, suspension, tires, steering, driveline, brakes, aerodynamics: the parts.
+        stability: control, where the car has one.
         inner_step: s, of the integration.
     """
 
@@ -156,6 +158,7 @@ class MultibodyPlant(eqx.Module):
     driveline: Driveline
     brakes: Brakes
     aerodynamics: Aerodynamics
+    stability: StabilityControl | None = None
     inner_step: float = eqx.field(default=0.001, static=True)
 
     def instant(
@@ -266,6 +269,7 @@ class MultibodyPlant(eqx.Module):
         motion, slip, memory, brakes = state[:4]
         h = jnp.asarray(dt, motion.velocity.dtype)
         wheel_speed = self.wheel_speed(motion)
+        controls = self._held_on_course(state, controls)
         next_brakes = self.brakes.advance(brakes, controls, motion.velocity[0], wheel_speed, h)
         next_memory = self.driveline.advance(memory, motion.parts, controls, next_brakes.traction, h)
         mean = (
@@ -279,6 +283,16 @@ class MultibodyPlant(eqx.Module):
         moved = jax.tree.map(lambda a, b: a + h * b, motion, now.rates)
         slipped = limit_slip(relax_slip(slip, growth, decay, h))
         return State(moved, slipped, next_memory, next_brakes, now.rates, growth, decay)
+
+    def _held_on_course(self, state: State, controls: Controls) -> Controls:
+        """With what stability control asks of the brakes."""
+        if self.stability is None:
+            return controls
+        motion = state.motion
+        speed, yaw_rate = motion.velocity[0], motion.rate[2]
+        accel_y = state.rates.velocity[1] + yaw_rate * speed
+        more = self.stability.pressure(speed, yaw_rate, accel_y, controls.steering_wheel)
+        return controls._replace(brake_pressure=controls.brake_pressure + more)
 
     def step(self, road: Road, state: State, controls: Controls, dt: float) -> State:
         """As :meth:`roadstate.sim.plant.base.Plant.step`."""
