@@ -99,6 +99,7 @@ class Summary:
     ) -> None:
         from roadstate.cli.summary import settings, vehicle_summary, versions
 
+        self._mass = car.mass
         self.content: dict[str, Any] = {
             "versions": versions(),
             "settings": settings(source, given, estimators, smooth),
@@ -110,7 +111,7 @@ class Summary:
         """Take in what came of one log."""
         from roadstate.cli.summary import log_summary
 
-        self.content["logs"][run.name] = log_summary(run)
+        self.content["logs"][run.name] = log_summary(run, self._mass)
 
     def write(self, folder: Path) -> str:
         """Write the file; gives its name."""
@@ -156,6 +157,8 @@ def _print(logs: dict[str, Any], written: list[str]) -> None:
             for one in found["faults"]:
                 when = f"{one['first_s']:.1f} to {one['last_s']:.1f} s, {100 * one['share']:.0f} %"
                 screen.print(text(f"{one['fault']} ({when})"), soft_wrap=True)
+            for remark in found["remarks"]:
+                screen.print(text(remark), soft_wrap=True)
             screen.print()
     screen.print("Over time; ±1σ, 5% and 95%: means. Grade in % (100 tan θ) and degrees.\n")
     smoothed = {q for log in logs.values() for found in log["estimators"].values() for q in found["smoothed"]}

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from roadstate.core import Estimates, InputError, Log
+from roadstate.estimators.remarks import remarks
 from roadstate.metrics import Metrics, check_time, evaluate
 from roadstate.report.document import Section, write_document
 from roadstate.report.figures import TimeAxes
@@ -76,11 +77,18 @@ def write_report(
     return write_document(
         path,
         title=title or f"roadstate: {files[0] if files else 'report'}",
-        sentences=summary(log, results, metrics),
+        sentences=[*summary(log, results, metrics), *_remarks(results, vehicle)],
         headline=metrics_table(metrics),
         sections=_sections(log, results, metrics, vehicle, settings),
         hints=_HINTS,
     )
+
+
+def _remarks(results: Mapping[str, Estimates], vehicle: Mapping[str, Any] | None) -> list[str]:
+    mass = (vehicle or {}).get("mass")
+    if mass is None:
+        return []
+    return [f"{name}: {one}." for name, estimates in results.items() for one in remarks(estimates, mass)]
 
 
 def _check(log: Log, results: Mapping[str, Estimates]) -> None:
