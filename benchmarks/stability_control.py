@@ -48,7 +48,8 @@ def judged(said: list[Estimates], logs: list[Log]) -> dict[str, float]:
     together = {name: np.concatenate([row[name] for row in rows]) for name in rows[0]}
     grade, peak = together.pop("grade"), together.pop("peak")
     shares = {name: 100 * float(np.mean(values)) for name, values in together.items()}
-    return {"grade": float(np.sqrt(np.mean(grade**2))), "peak": float(np.median(peak)), **shares}
+    hard = {"peak": float(np.median(peak))} if len(peak) else {}
+    return {"grade": float(np.sqrt(np.mean(grade**2))), **shares, **hard}
 
 
 def each(estimates: Estimates, log: Log) -> dict[str, np.ndarray]:
