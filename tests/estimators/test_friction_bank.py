@@ -14,7 +14,17 @@ from roadstate.core.numerics import in_single
 from roadstate.estimators import slip_jump
 from roadstate.estimators.friction_bank import VIEWS, BankState, FrictionBank
 from roadstate.estimators.friction_curve import bounded
-from roadstate.estimators.sideways import BIAS_R, GIVE_F, SIZE, STIFF_F, STIFF_R, V_Y, Sideways, Touch
+from roadstate.estimators.sideways import (
+    BIAS_R,
+    GIVE_F,
+    SIZE,
+    STIFF_F,
+    STIFF_R,
+    V_Y,
+    Sideways,
+    Touch,
+    twisting,
+)
 from roadstate.vehicles import Vehicle
 
 
@@ -318,13 +328,21 @@ def test_noise_does_not_wear_the_stiffness_away(vehicle: Vehicle) -> None:
     assert np.abs(np.asarray(mean)[[STIFF_F, STIFF_R]]).max() < 0.05
 
 
+def test_steering_gives_less_as_the_pneumatic_trail_shrinks() -> None:
+    """By half where all of the friction is used, to either side; by nothing where none is."""
+    across, friction = jnp.asarray([[0.0], [0.2], [-0.4], [0.9]]), jnp.asarray([0.4, 0.8])
+    left = np.stack([twisting(touch()._replace(across=a), friction) for a in across])
+    np.testing.assert_allclose(left, [[1, 1], [0.75, 0.875], [0.5, 0.75], [0.5, 0.5]], rtol=1e-6)
+
+
 @pytest.mark.parametrize("friction", [0.6, 0.9])
 def test_a_steering_that_gives_is_no_grip(vehicle: Vehicle, friction: float) -> None:
     """A bend ever sharper, on a car whose steering gives half as much as its file would have it."""
     bank = FrictionBank(vehicle, ())
     motion, dt, speed = bank.motion, 0.02, 15.0
-    gives = np.asarray(motion.give) * np.array([0.5, 1.0])
     used = np.linspace(0.05, 0.93 * friction, 1500)
+    half = 0.5 * np.asarray(twisting(touch()._replace(across=used[None]), friction))
+    gives = np.asarray(motion.give) * np.stack([half, np.ones_like(half)], axis=1)
     slips = (
         friction * 1.45 * np.tan(np.arcsin(used / friction) / 1.45)[:, None] / np.asarray(motion.stiffness)
     )

@@ -38,6 +38,7 @@ from roadstate.estimators.sideways import (
     V_Y,
     Sideways,
     Touch,
+    twisting,
 )
 from roadstate.linalg import root, rss
 
@@ -282,10 +283,10 @@ class FrictionBank(eqx.Module):
         rows[LEVER] = rows[BIAS_Y] * touch.yaw_accel
         rows[STIFF_F + axle], rows[SHAPE] = here.across_by_slip, here.across_by_shape
         rows[BIAS_R] = lagged * (-self.motion.arm[axle] - touch.lag * touch.speed)
-        gives = self._gives(x, axle)
+        gives = self.motion.gives(x, touch, self.friction, axle)
         if axle == 0:
             rows[STEER_BIAS] = -by_angle * jnp.sign(touch.speed)
-            rows[GIVE_F] = -by_angle * touch.across[0]
+            rows[GIVE_F] = -by_angle * touch.across[0] * twisting(touch, self.friction)
         noise = self._shake**2 + FORCE_ERROR[0] ** 2 + (FORCE_ERROR[1] * measured) ** 2
         turning = touch.across_std[axle] ** 2
         noise = noise + turning + touch.shaken[1] ** 2
@@ -314,14 +315,10 @@ class FrictionBank(eqx.Module):
         left, right = touch.bears[2 * axle], touch.bears[2 * axle + 1]
         return (1 - 0.4 * (left - right) ** 2) * self.motion.stiffness[axle] * jnp.exp(x[STIFF_F + axle])
 
-    def _gives(self, x: Array, axle: int) -> Array:
-        """Angle that steering and suspension of an axle give per F_y/F_z, under each hypothesis."""
-        return self.motion.give[axle] + (x[GIVE_F] if axle == 0 else jnp.zeros_like(x[GIVE_F]))
-
     def _angle(self, x: Array, touch: Touch, speed: Array, axle: int) -> Array:
         """Slip angle of an axle under each hypothesis, as its tangent."""
         lateral = touch.lateral - x[BANK] - x[BIAS_Y] - x[LEVER] * touch.yaw_accel + touch.speed * x[BIAS_R]
-        angle = touch.angle[axle] - self._gives(x, axle) * touch.across[axle]
+        angle = touch.angle[axle] - self.motion.gives(x, touch, self.friction, axle) * touch.across[axle]
         angle = angle - (x[V_Y] - self.motion.arm[axle] * x[BIAS_R] - touch.lag * lateral) / speed
         return angle - x[STEER_BIAS] * jnp.sign(touch.speed) if axle == 0 else angle
 

@@ -50,6 +50,9 @@ _ALIKE = 0.7  # correlation of what front and rear tires are stiffer than the fi
 # wheel on; from a wheel's own angle on, which may yet be a steering wheel's by the ratio
 _GIVE = ((0.75, 0.25), (0.25, 0.35))
 _REAR_GIVE = 0.03  # share that the suspension has in the rear axle's softness
+# what the pneumatic trail has in what steering gives: it shrinks with the friction that is used (Pacejka,
+# Tire and Vehicle Dynamics, ch. 3.2), the caster's trail does not
+_TRAIL = 0.5
 _LEAST_GIVE = 0.03  # 1σ of what the front suspension gives, over the axle's softness, at the least
 _ACCEL = 0.01  # m/s²/√Hz: white error of what moves the car sideways, however good the accelerometer
 _BOTH_LAST = np.outer(_LASTS, _LASTS)
@@ -109,7 +112,8 @@ class Sideways(eqx.Module):
 
     Attributes:
         first: (n, n) covariance before anything is known.
-        give: (2,) angle that steering and suspension of each axle give per F_y/F_z, as far as the file tells.
+        give: (2,) angle that steering and suspension of each axle give per F_y/F_z while little friction is
+            used, as far as the file tells.
         stiffness: (2,) C_α/F_z of the tires that goes with it.
         arm: (2,) of front and rear axle, ahead of the centre of gravity, m.
         road: how bank changes with distance.
@@ -148,6 +152,12 @@ class Sideways(eqx.Module):
         self.white = jnp.maximum(leaf(sensors.accel.noise_density), _ACCEL)
         geometry = vehicle.geometry
         self.arm = jnp.asarray([geometry.cg_to_front_axle, -geometry.cg_to_rear_axle])
+
+    def gives(self, x: Float[Array, "n J"], touch: Touch, friction: Float[Array, " J"], axle: int) -> Array:
+        """(J,) angle that steering and suspension of an axle give per F_y/F_z under each hypothesis."""
+        if axle == 1:
+            return jnp.broadcast_to(self.give[1], friction.shape)
+        return (self.give[0] + x[GIVE_F]) * twisting(touch, friction)
 
     def moved(
         self, x: Float[Array, "n J"], P: Float[Array, "n n J"], touch: Touch, dt: Float[Array, ""]
@@ -204,3 +214,8 @@ class Sideways(eqx.Module):
         shrink = held[:, None] * held
         turn = dt * touch.speed
         return self.road.transition(distance), keep, remembered, shrink, noise, dt * touch.yaw_accel, turn
+
+
+def twisting(touch: Touch, friction: Float[Array, " J"]) -> Float[Array, " J"]:
+    """How much of what steering gives is left as the front tires use more of each friction."""
+    return 1 - _TRAIL * jnp.minimum(jnp.abs(touch.across[0]) / friction, 1.0)
