@@ -50,7 +50,8 @@ _AGE = 0.1  # s by which a receiver's rate of climb may be late
 _JITTER = 0.02  # s: 1σ of what its speed is later or earlier than usual
 _LEARNED = ("vertical_speed", "traction", "attitude")  # sensors whose noise is learned
 _SIDEWAYS = 0.9  # of the speed may be v_y at the most
-_SLIDES = (0.05, 2.0)  # m/s: 1σ of v_y from which on it errs for so long that it counts, as √s
+# m/s: 1σ of v_y beyond which v_y r is no slope's to bear; and √s: it errs as white noise of that many times
+_SLIDES = (0.05, 2.0)
 _RECEIVED = ("latitude", "vertical_speed")  # channels that only a satellite receiver gives
 _UNHEARD = 1.0  # s without a speed, which accelerations alone carry on no further
 _MOVING = 2.0  # m/s from which sensors err as they usually do

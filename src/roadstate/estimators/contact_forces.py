@@ -56,9 +56,7 @@ _STIRRED = 0.15  # s for which what stirs up wheels and brakes goes on
 _BOUNCES, _STEADY, _BOUNCE_TIME = 8.0, 1e-3, 0.2
 _LOCKED = 3.0  # s for which it is remembered that brakes locked wheels
 _DIFFERENTIAL = 0.1  # 1σ of what a wheel gets of an engine's torque, as a share of it
-_HEARD = (
-    0.1  # share of the drive that wheels get, at the least, whose speeds tell how fast the engine is turned
-)
+_HEARD = 0.1  # share of the drive that wheels get, at the least, whose speeds tell the engine's
 
 
 class ForceMeterState(NamedTuple):
