@@ -200,6 +200,16 @@ class TestEngineSpeed:
             assert k < 75 or not told.is_shifting
         assert float(told.force) == pytest.approx(80 * total / R * vehicle.driveline.efficiency)
 
+    def test_wheels_that_hop_over_a_bump_are_no_shift(self, meter: TractionMeter, R: float) -> None:
+        """Their rims swing by 8 % within a tenth of a second, and the engine does not."""
+        swing = 0.08 * np.sin(np.arange(10) * 0.2 * np.pi)
+        state, total = meter.init(), 6.0
+        for k in range(200):
+            rim = 15.0 * (1 + (swing[k - 120] if 120 <= k < 130 else 0.0))
+            sample = {"engine_torque": jnp.asarray(80.0), "engine_speed": jnp.asarray(15.0 / R * total)}
+            state, told = meter.read(state, sample, jnp.asarray(15.0), jnp.asarray(DT), jnp.asarray(rim))
+            assert k < 75 or not told.is_shifting
+
     def test_between_samples_the_gear_stays(self, meter: TractionMeter, R: float) -> None:
         """Engine speed at 2 Hz, as by OBD: the ratio is held and its natural drift is no shift."""
         state, flags, forces = meter.init(), [], []

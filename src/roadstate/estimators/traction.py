@@ -92,7 +92,7 @@ class TractionState(NamedTuple):
 
     Attributes:
         held, ratio, since_shift: these.
-        usual: the ratio, low-passed where it is measured.
+        usual: (2,) the ratio by the wheels' rims and by the car's speed, low-passed where it is measured.
         drive: N, the drive's part at the last sample.
         gap: s, the longest of late without a torque.
         changes: N²/s, mean square of the drive's changes.
@@ -100,7 +100,7 @@ class TractionState(NamedTuple):
 
     held: dict[str, Held]
     ratio: Float[Array, ""]
-    usual: Float[Array, ""]
+    usual: Float[Array, " 2"]
     since_shift: Float[Array, ""]
     drive: Float[Array, ""]
     gap: Float[Array, ""]
@@ -201,7 +201,7 @@ class TractionMeter(eqx.Module):
     def init(self) -> TractionState:
         """Nothing has come yet."""
         zero, held = jnp.zeros(()), {c: Held.empty() for c in self.channels}
-        return TractionState(held, zero, zero, zero, zero, zero, (_WANDERS[0] * self._mass) ** 2)
+        return TractionState(held, zero, jnp.zeros(2), zero, zero, zero, (_WANDERS[0] * self._mass) ** 2)
 
     def read(
         self,
@@ -221,7 +221,9 @@ class TractionMeter(eqx.Module):
             rim: R ω of the driven wheels, m/s, if it is known: wheels that spin turn the engine, too.
         """
         held = {c: state.held[c].take(sample[c], dt) for c in self.channels}
-        ratio, usual, since_shift, is_shifting = self._gear(state, held, speed if rim is None else rim, dt)
+        ratio, usual, since_shift, is_shifting = self._gear(
+            state, held, speed, speed if rim is None else rim, dt
+        )
         if self.source == "wheels":
             zero = jnp.zeros(())
             each = jnp.stack([held[w].value if w in held else zero for w in _DRIVE])
@@ -268,11 +270,12 @@ class TractionMeter(eqx.Module):
         return jnp.max(jnp.stack([held[name].age for name in names]))
 
     def _gear(
-        self, state: TractionState, held: dict[str, Held], speed: Float[Array, ""], dt: Float[Array, ""]
-    ) -> tuple[Float[Array, ""], Float[Array, ""], Float[Array, ""], Bool[Array, ""]]:
-        """Total ratio in mesh, the usual one, s since it last changed, and whether it is changing or open.
+        self, state: TractionState, held: dict[str, Held], speed: Array, rim: Array, dt: Float[Array, ""]
+    ) -> tuple[Float[Array, ""], Float[Array, " 2"], Float[Array, ""], Bool[Array, ""]]:
+        """Total ratio in mesh, what it usually is, s since it changed, and whether it is changing or open.
 
-        ``speed`` is that of the driven wheels' rims.
+        The engine turns with the driven wheels' rims. But a change of gear shows by the car's speed as well:
+        wheels that spin do not change the one ratio, those that hop over a bump not the other.
         """
         never = jnp.full((), 1e3)
         if self.source in ("wheels", "single"):
@@ -280,21 +283,23 @@ class TractionMeter(eqx.Module):
         if self.source == "gear":
             ratio, usual = held["gear_ratio"].value * self._final_drive, state.usual
             changed = jnp.abs(ratio - state.ratio) > _RATIO_JUMP * jnp.abs(state.ratio)
-            slips = self._slips(held, jnp.abs(ratio * speed) / self._radius)
+            slips = self._slips(held, jnp.abs(ratio * rim) / self._radius)
             # as a clutch closes, an engine's inertia begins to weigh
             is_open, changed = (ratio == 0) | slips, changed | slips
         else:
             # measured where both speeds are new; else the gear last seen is still in mesh
-            new = (held["engine_speed"].age == 0) & (jnp.abs(speed) > _SLOWEST_RATIO)
-            quotient = held["engine_speed"].value * self._radius / jnp.where(new, speed, _SLOWEST_RATIO)
+            both = jnp.stack([rim, speed])
+            moves = jnp.abs(both) > _SLOWEST_RATIO
+            new = (held["engine_speed"].age == 0) & moves
+            quotients = held["engine_speed"].value * self._radius / jnp.where(new, both, _SLOWEST_RATIO)
             gap = jnp.maximum(state.held["engine_speed"].age + dt, 1e-3)
-            ratio = jnp.where(new, quotient, state.ratio)
-            drift = jnp.abs(ratio - state.usual) / jnp.maximum(jnp.abs(state.usual), 1e-3)
-            changed = new & (drift > jnp.maximum(_RATIO_RATE * gap, _RATIO_CHANGE))
+            ratio = jnp.where(new[0], quotients[0], state.ratio)
+            drift = jnp.abs(quotients - state.usual) / jnp.maximum(jnp.abs(state.usual), 1e-3)
+            changed = jnp.all(new & (drift > jnp.maximum(_RATIO_RATE * gap, _RATIO_CHANGE)))
             follows = jnp.where(state.usual == 0, 1.0, -jnp.expm1(-gap / _RATIO_TIME))
-            usual = state.usual + jnp.where(new, follows, 0.0) * (ratio - state.usual)
+            usual = state.usual + jnp.where(new, follows, 0.0) * (quotients - state.usual)
             low, high = self._ratio_range
-            is_open = (jnp.abs(ratio) < low) | (jnp.abs(ratio) > high) | (jnp.abs(speed) <= _SLOWEST_RATIO)
+            is_open = (jnp.abs(ratio) < low) | (jnp.abs(ratio) > high) | (~moves[0])
             ratio = jnp.where(ratio < 0, -1.0, 1.0) * jnp.clip(jnp.abs(ratio), low, high)
         since = jnp.where(changed, 0.0, state.since_shift + dt)
         return ratio, usual, since, is_open | (since < _SHIFT_TIME)
