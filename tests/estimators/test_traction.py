@@ -158,7 +158,7 @@ class TestEngineSpeed:
         flags = [bool(t.is_shifting) for t in self.drive(meter, up)]
         assert all(flags[120:189])
         assert not any(flags[75:120])
-        assert not any(flags[215:])
+        assert not any(flags[193:])
         drift = [(15.0, 15 / R * 6 * (1 + 0.1 * k * DT)) for k in range(240)]  # a converter, 10 % a second
         assert not any(bool(t.is_shifting) for t in self.drive(meter, drift)[75:])
 

@@ -28,7 +28,7 @@ _IDLE = 100.0  # rad/s: no engine that has gears turns more slowly, but its clut
 _APART = (3.0, 0.1)  # rad/s, and as a share, by which engine and gears differ where nothing slips
 _HEARD = 0.5  # s for which an engine's speed tells
 _SHIFT_TIME = 0.7  # s after a change of gear, or a slip, in which torque and inertia are not what they seem
-_RATIO_JUMP = 0.08  # relative change of a ratio that is told that counts as another gear
+_RATIO_JUMP = 0.08  # relative change of a ratio from sample to sample that counts as another gear
 # relative change of a measured ratio that means slip or a shift, and s it is taken over; 1/s, of a rare one
 _RATIO_CHANGE, _RATIO_TIME, _RATIO_RATE = 0.05, 0.1, 0.35
 _BRAKE_RELATIVE = 0.2  # 1σ of a brake's torque per pressure (pads, temperature)
@@ -296,7 +296,8 @@ class TractionMeter(eqx.Module):
             ratio = jnp.where(new[0], quotients[0], state.ratio)
             drift = jnp.abs(quotients - state.usual) / jnp.maximum(jnp.abs(state.usual), 1e-3)
             changed = jnp.all(new & (drift > jnp.maximum(_RATIO_RATE * gap, _RATIO_CHANGE)))
-            follows = jnp.where(state.usual == 0, 1.0, -jnp.expm1(-gap / _RATIO_TIME))
+            leaps = jnp.abs(quotients[0] - state.ratio) > _RATIO_JUMP * jnp.abs(state.ratio)
+            follows = jnp.where(leaps | (state.usual == 0), 1.0, -jnp.expm1(-gap / _RATIO_TIME))
             usual = state.usual + jnp.where(new, follows, 0.0) * (quotients - state.usual)
             low, high = self._ratio_range
             is_open = (jnp.abs(ratio) < low) | (jnp.abs(ratio) > high) | (~moves[0])
