@@ -57,7 +57,9 @@ _SIDESLIP = (0.1, 0.03)  # rad: 1σ of the rear axle's slip angle where friction
 _SPUN = 2.0  # rad: of a car that spins
 _SLIDES = 1.0  # s in which it becomes another one
 _TURN_TIME = 1.5  # s for which errors last that come from how the car turns in
-_ANGLE_ERROR = 0.002  # rad: 1σ of a slip angle, besides what v_y and the steering's bias do to it
+_ANGLE_ERROR = (0.0005, 0.01)  # 1σ of a slip angle, rad, beside v_y's and the steering's bias; and a share
+_SWAYS = 0.07  # rad (m/s)²: of a body that sways by v_y/v_x, while tires follow late by a length over v_x
+_TOE = 0.002  # rad: of all that to what moves, with where an axle heads for good
 _BEND = 0.3  # 1σ of an axle's force, as a share of what it lacks of a linear one
 _ANEW = (0.06, 12.0)  # change of a force over load that tells anew; else it does after s
 _CRAWL = 1.5 * SLOWEST  # m/s: up to there v_y may be so unsure that tires slide or not
@@ -122,7 +124,7 @@ class _Told(NamedTuple):
         row: its derivative by the states.
         innovation: by what it exceeds its prediction.
         noise: variance of its error.
-        bend: what a linear tire would bear more.
+        apart: what that differs by as a measure of how far the tires slip.
         repeats: share of the noise that is the same wherever the car turns in: of inertia, place and lag.
         known: whether it is measured.
     """
@@ -130,7 +132,7 @@ class _Told(NamedTuple):
     row: Float[Array, "n J"]
     innovation: Float[Array, " J"]
     noise: Float[Array, " J"]
-    bend: Float[Array, " J"]
+    apart: Float[Array, " J"]
     repeats: Float[Array, " J"]
     known: Bool[Array, " J"]
 
@@ -234,8 +236,7 @@ class FrictionBank(eqx.Module):
         across_evidence: list[Array] = []
         for axle in range(2):
             force = self._told(x, P[V_Y, V_Y], touch, along, axle)
-            # where a tire bends, its force tells little of how far it slips
-            noise = force.noise + (_BEND * force.bend) ** 2, force.noise
+            noise = force.noise + force.apart, force.noise
             counts = soon, jnp.maximum(lasts[axle] / step, 1.0)
             x, P, own = follow(x, P, force.row, force.innovation, noise, counts, MOVES)
             # what errs as the car turns in will err so in the next bend: it is no new evidence then
@@ -287,17 +288,19 @@ class FrictionBank(eqx.Module):
         if axle == 0:
             rows[STEER_BIAS] = -by_angle * jnp.sign(touch.speed)
             rows[GIVE_F] = -by_angle * touch.across[0] * twisting(touch, self.friction)
+        turning, gain = touch.across_std[axle] ** 2, (1 + gives * by_angle) ** 2
         noise = self._shake**2 + FORCE_ERROR[0] ** 2 + (FORCE_ERROR[1] * measured) ** 2
-        turning = touch.across_std[axle] ** 2
         noise = noise + turning + touch.shaken[1] ** 2
-        gain = (1 + gives * by_angle) ** 2
-        noise = noise * gain + (_ANGLE_ERROR * by_angle) ** 2
+        astray = _ANGLE_ERROR[0] ** 2 + (_ANGLE_ERROR[1] * touch.angle[axle]) ** 2 + (_SWAYS / speed**2) ** 2
+        noise = noise * gain + astray * by_angle**2
         known = jnp.isfinite(noise) & (jnp.abs(touch.speed) > SLOWEST)
         misread = (x[BIAS_Y] + x[LEVER] * touch.yaw_accel) / GRAVITY
         innovation = jnp.where(known, measured - here.across - misread, 0.0)
         repeats = jnp.where(known, turning * gain / jnp.where(known, noise, 1.0), 0.0)
         noise = jnp.where(known, noise, 1e12)
-        return _Told(jnp.stack(rows), innovation, noise, linear - here.across, repeats, known)
+        # where a tire bends, its force tells little of how far it slips
+        apart = (_BEND * (linear - here.across)) ** 2 + (_TOE**2 - astray) * by_angle**2
+        return _Told(jnp.stack(rows), innovation, noise, apart, repeats, known)
 
     def _of_jumps(self, jumps: slip_jump.Told) -> Float[Array, "3 7 J"]:
         """What the wheels' jumps tell each part. A road that has begun under several wheels has not reached

@@ -130,7 +130,8 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
     held = jnp.abs(signals.steep[inertial]) * jnp.minimum(signals.age[inertial], STALE) / GRAVITY
     since = jnp.asarray(_HELD_ERROR, axles.dtype) * held
     leads = rss(jnp.asarray(_LEAD_ERROR, stir.dtype)[:, None] * stir, since[:, None] * axles)
-    lasting = jnp.stack([jnp.sum(straight_std), jnp.sum(axles) * side_std[BIAS_Y] / GRAVITY])
+    misread_std = rss(side_std[BIAS_Y], side_std[LEVER] * forces.now.yaw_accel) / GRAVITY * axles
+    lasting = jnp.stack([jnp.sum(straight_std), jnp.sum(misread_std)])
     across, aside = _across(joint, state, jnp.sum(lateral))
     used, used_std = _used(forces, straight, across, leads, lasting)
     tell("friction_used", used, rss(used_std, 0.1 * jnp.minimum(state.signals.age[ACCEL_X], 10.0), aside))
@@ -148,8 +149,7 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
     across = scale * lateral
     rough = rss(_ROUGH[1] * axles, shaken[1] * axles, _CG_ERROR * jnp.sum(lateral))
     missing = jnp.where(jnp.isfinite(forces.across_std), forces.across_std, 1.0) * axles
-    biased = side_std[BIAS_Y] / GRAVITY * axles
-    across_std = rss(scale_std * lateral, rough, leads[1], biased, missing)
+    across_std = rss(scale_std * lateral, rough, leads[1], misread_std, missing)
     for i, where in enumerate(("front", "rear")):
         tell(f"force_x_{where}", along[i], rss(along_std[i], leads[0, i], spread[i]))
         if joint.knows_sides:
