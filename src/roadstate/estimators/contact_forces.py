@@ -54,6 +54,7 @@ _STIRRED = 0.15  # s for which what stirs up wheels and brakes goes on
 # an axle's F_y over its load up to which it is low-passed, as a share of what a rough road shakes the car by
 # both ways, and at the least; and s over which
 _BOUNCES, _STEADY, _BOUNCE_TIME = 8.0, 1e-3, 0.2
+_ROUGH_TIME = 5.0  # s for which a road shakes a car that is not swiftly steered and braked instead
 _LOCKED = 3.0  # s for which it is remembered that brakes locked wheels
 _DIFFERENTIAL = 0.1  # 1σ of what a wheel gets of an engine's torque, as a share of it
 _HEARD = 0.1  # share of the drive that wheels get, at the least, whose speeds tell the engine's
@@ -74,6 +75,7 @@ class ForceMeterState(NamedTuple):
         held: (4,) F_x of the wheels when brakes last let the car move, N.
         locking: as :class:`~roadstate.estimators.axle_forces.AxleForces`.
         lean: of the body, that shifts load from axle to axle.
+        rough: what the road shakes the accelerometers by both ways, and has for a while, m/s².
     """
 
     traction: TractionState | None
@@ -87,6 +89,7 @@ class ForceMeterState(NamedTuple):
     held: Float[Array, " 4"]
     locking: Float[Array, ""]
     lean: Lean
+    rough: Float[Array, ""]
 
 
 class ForceMeter(eqx.Module):
@@ -136,6 +139,7 @@ class ForceMeter(eqx.Module):
             jnp.zeros(4),
             jnp.zeros(()),
             Lean.upright(),
+            jnp.zeros(()),
         )
 
     def nothing(self) -> AxleForces:
@@ -227,8 +231,11 @@ class ForceMeter(eqx.Module):
         locking = jnp.where(scene.is_held, state.locking, locking)
         axles = by_axle(load)
         current = jnp.stack([by_axle(fast.along), by_axle(fast.told), fast.across])
-        # anti-lock brakes shake a car along, swift steering across, but only a rough road both ways
-        bounces = _STEADY + _BOUNCES * jnp.min(signals.shaken) / GRAVITY
+        # anti-lock brakes shake a car along, swift steering across, but only a rough road both ways for long
+        shakes = jnp.min(signals.shaken)
+        rough = state.rough - jnp.expm1(-dt / _ROUGH_TIME) * (shakes - state.rough)
+        rough = jnp.minimum(rough, shakes)
+        bounces = _STEADY + _BOUNCES * rough / GRAVITY
         noise = jnp.stack([jnp.full_like(bounces, NOISY), jnp.full_like(bounces, NOISY), bounces])
         share = jnp.stack([new, new, -jnp.expm1(-dt / _BOUNCE_TIME)])
         calm = state.calm + share[:, None] * (current - state.calm)
@@ -282,7 +289,7 @@ class ForceMeter(eqx.Module):
         )
         told = jnp.stack([forces.explained, forces.intensity, apart])
         return ForceMeterState(
-            traction, brakes, torque, drive.age, told, calm, stir, jolt, kept, locking, lean
+            traction, brakes, torque, drive.age, told, calm, stir, jolt, kept, locking, lean, rough
         ), forces
 
     def _freed(self, signals: Float[Array, " 8"], lean: Lean) -> Float[Array, " 2"]:
