@@ -243,8 +243,8 @@ class FrictionBank(eqx.Module):
             takes = jnp.maximum((lasts[axle] + 2 * _TURN_TIME * force.repeats) / step, 1.0)
             likelihood = weigh(force.innovation, own, force.noise, takes, whole[axle])
             across_evidence.append(jnp.where(force.known, likelihood, 0.0))
-        angles = [self._angle(x, touch, speed, axle) for axle in range(2)]
-        across = [self._cornering(x, touch, axle) * angles[axle] for axle in range(2)]
+        angles = [self.motion.slip_angle(x, touch, self.friction, axle) for axle in range(2)]
+        across = [self.motion.cornering(x, touch, axle) * angles[axle] for axle in range(2)]
         aside = Aside(jnp.stack(angles), jnp.stack(across))
         y, Y, likelihoods, jumps = self.wheels.learn(
             mixed.y, mixed.Y, along, touch, self.friction, aside, jump, anew[2:], step
@@ -264,8 +264,8 @@ class FrictionBank(eqx.Module):
         """What an axle's F_y/F_z tells of the states, ``unsure`` the variance of v_y; its wheels' F_x/F_z
         were ``along`` if linear."""
         speed = jnp.maximum(jnp.abs(touch.speed), SLOWEST)
-        stiffness = self._cornering(x, touch, axle)
-        linear = stiffness * self._angle(x, touch, speed, axle)
+        stiffness = self.motion.cornering(x, touch, axle)
+        linear = stiffness * self.motion.slip_angle(x, touch, self.friction, axle)
         wheels = slice(2 * axle, 2 * axle + 2)
         here = self._axle(x, along[wheels], linear, touch.bears[wheels])
         # at a crawl, over all that v_y could be, the curve has no one slope
@@ -312,18 +312,6 @@ class FrictionBank(eqx.Module):
         nowhere = jnp.where(asked[:, :, None], (either - began) * weights[:, :, None], jnp.inf)
         nowhere = jnp.where(jnp.any(asked, axis=1, keepdims=True), jnp.min(nowhere, axis=1), 0.0)
         return jnp.stack([weights @ stays, weights @ either - nowhere, weights @ shaken])
-
-    def _cornering(self, x: Array, touch: Touch, axle: int) -> Array:
-        """C_α/F_z of an axle's tires, of which less is left as load moves to the outer wheel."""
-        left, right = touch.bears[2 * axle], touch.bears[2 * axle + 1]
-        return (1 - 0.4 * (left - right) ** 2) * self.motion.stiffness[axle] * jnp.exp(x[STIFF_F + axle])
-
-    def _angle(self, x: Array, touch: Touch, speed: Array, axle: int) -> Array:
-        """Slip angle of an axle under each hypothesis, as its tangent."""
-        lateral = touch.lateral - x[BANK] - x[BIAS_Y] - x[LEVER] * touch.yaw_accel + touch.speed * x[BIAS_R]
-        angle = touch.angle[axle] - self.motion.gives(x, touch, self.friction, axle) * touch.across[axle]
-        angle = angle - (x[V_Y] - self.motion.arm[axle] * x[BIAS_R] - touch.lag * lateral) / speed
-        return angle - x[STEER_BIAS] * jnp.sign(touch.speed) if axle == 0 else angle
 
     def _axle(self, x: Array, along: Array, across: Array, bears: Array) -> Grip:
         """An axle's tires together: of its wheels, whose F_x/F_z, and its F_y/F_z, if linear, as much as each

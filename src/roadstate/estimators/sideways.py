@@ -159,6 +159,21 @@ class Sideways(eqx.Module):
             return jnp.broadcast_to(self.give[1], friction.shape)
         return (self.give[0] + x[GIVE_F]) * twisting(touch, friction)
 
+    def cornering(self, x: Float[Array, "n J"], touch: Touch, axle: int) -> Float[Array, " J"]:
+        """C_α/F_z of an axle's tires, of which less is left as load moves to the outer wheel."""
+        left, right = touch.bears[2 * axle], touch.bears[2 * axle + 1]
+        return (1 - 0.4 * (left - right) ** 2) * self.stiffness[axle] * jnp.exp(x[STIFF_F + axle])
+
+    def slip_angle(
+        self, x: Float[Array, "n J"], touch: Touch, friction: Float[Array, " J"], axle: int
+    ) -> Float[Array, " J"]:
+        """Slip angle of an axle under each hypothesis, as its tangent."""
+        speed = jnp.maximum(jnp.abs(touch.speed), SLOWEST)
+        lateral = touch.lateral - x[BANK] - x[BIAS_Y] - x[LEVER] * touch.yaw_accel + touch.speed * x[BIAS_R]
+        angle = touch.angle[axle] - self.gives(x, touch, friction, axle) * touch.across[axle]
+        angle = angle - (x[V_Y] - self.arm[axle] * x[BIAS_R] - touch.lag * lateral) / speed
+        return angle - x[STEER_BIAS] * jnp.sign(touch.speed) if axle == 0 else angle
+
     def moved(
         self, x: Float[Array, "n J"], P: Float[Array, "n n J"], touch: Touch, dt: Float[Array, ""]
     ) -> tuple[Float[Array, "n J"], Float[Array, "n n J"]]:
