@@ -36,7 +36,7 @@ def touch(along: float | list[float] = 0.0, slip: float | list[float] = 0.0) -> 
         along=jnp.asarray(along) * four, slip=jnp.asarray(slip) * four, slip_std=0.002 * four,
         slip_noise=0.0 * four,
         slip_shared=zero + 0.002, across_std=two, along_std=0.0 * four, split_std=0.0 * four,
-        shaken=two, bears=jnp.full(4, 0.5), lag=zero + 0.05, banking=jnp.asarray([0.0, jnp.inf]),
+        shaken=two, load=jnp.ones(4), lag=zero + 0.05, banking=jnp.asarray([0.0, jnp.inf]),
         spins=zero > 0,
     )  # fmt: skip
 
@@ -187,7 +187,7 @@ class TestBank:
         bears = jnp.tile(jnp.asarray([inner, 1 - inner]), 2)
         soft = 1 - 0.4 * (1 - 2 * inner) ** 2
         truth, sideways = 0.85, 1.5
-        here = touch()._replace(bears=bears, slip_std=jnp.full(4, 0.01))
+        here = touch()._replace(load=2 * bears, slip_std=jnp.full(4, 0.01))
         turns = []
         for slip in (jnp.zeros(4), jnp.asarray([-0.3, -0.02, -0.3, -0.02])):
             stiff = bank.wheels.slip_stiffness * slip / (1 + slip)
@@ -199,6 +199,26 @@ class TestBank:
         low, high = np.asarray(bank.quantiles(state, (0.05, 0.95)))[:, 0]
         assert low < truth < high
         assert float(bank.likeliest(state)[0]) == pytest.approx(truth, rel=0.1)
+
+    @pytest.mark.parametrize("load", [[0.35, 1.65, 0.35, 1.65], [1.4, 1.4, 0.6, 0.6]], ids=["bend", "brake"])
+    def test_a_tire_that_bears_more_has_less_friction(self, vehicle: Vehicle, load: list[float]) -> None:
+        """An axle that slides with most of its load on the outer wheel bears less than one with as much on
+        each, and one that brakes less than its share: the road is the same."""
+        bank, ahead = FrictionBank(vehicle, ()), load[0] == load[1]
+        found = []
+        for loads in (np.array(load), np.ones(4)):
+            force = 0.8 * (1 - 0.1 * (loads - 1))
+            across = (loads * force).reshape(2, 2).sum(1) / loads.reshape(2, 2).sum(1)
+            along, turned = (
+                {"along": -force, "slip": np.full(4, -0.4)},
+                {"across": across, "angle": np.full(2, 0.4)},
+            )
+            here = {name: jnp.asarray(x) for name, x in (along if ahead else turned).items()}
+            state = self.driven(
+                bank, (0.3, touch()), (1.0, touch()._replace(load=jnp.asarray(loads), **here))
+            )
+            found.append(np.asarray(bank.likeliest(state))[1:3])
+        np.testing.assert_allclose(found[0], found[1], rtol=0.025)
 
     def test_gentle_driving_tells_a_lower_bound_only(self, vehicle: Vehicle) -> None:
         low, _, high = self.after(FrictionBank(vehicle, ()), 3.0, along=0.1, slip=0.1 / 22)

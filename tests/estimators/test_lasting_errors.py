@@ -25,7 +25,7 @@ def straight(lateral: jax.Array, across: jax.Array, steer: jax.Array) -> Touch:
         speed=zero + SPEED, accel_y=lateral, yaw_rate=zero, yaw_accel=zero, lateral=lateral,
         angle=jnp.stack([steer, zero]), across=across, along=four, slip=four, slip_std=four + 0.002,
         slip_noise=four, slip_shared=zero + 0.002, across_std=two, along_std=four, split_std=four,
-        shaken=two, bears=jnp.full(4, 0.5), lag=zero, banking=jnp.asarray([0.0, jnp.inf]), spins=zero > 0,
+        shaken=two, load=jnp.ones(4), lag=zero, banking=jnp.asarray([0.0, jnp.inf]), spins=zero > 0,
     )  # fmt: skip
 
 

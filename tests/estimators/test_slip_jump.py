@@ -29,7 +29,7 @@ def touch(slip: Array, force: Array, shared: float = 0.02) -> Touch:
         across=jnp.zeros(2), along=jnp.asarray(force), slip=jnp.asarray(slip), slip_std=jnp.full(4, 0.0015),
         slip_noise=jnp.zeros(4),
         slip_shared=zero + shared, across_std=jnp.zeros(2), along_std=jnp.zeros(4), split_std=jnp.zeros(4),
-        shaken=jnp.zeros(2), bears=jnp.full(4, 0.5), lag=zero + 0.05, banking=jnp.asarray([0.0, jnp.inf]),
+        shaken=jnp.zeros(2), load=jnp.ones(4), lag=zero + 0.05, banking=jnp.asarray([0.0, jnp.inf]),
         spins=zero > 0,
     )  # fmt: skip
 

@@ -38,6 +38,7 @@ from roadstate.estimators.sideways import (
     V_Y,
     Sideways,
     Touch,
+    peaks,
     twisting,
 )
 from roadstate.linalg import root, rss
@@ -233,9 +234,10 @@ class FrictionBank(eqx.Module):
         row = jnp.stack([jnp.full_like(rear, 1 / speed), *[zero] * (SIZE - 1)])
         x, P, _ = learn(x, P, row, -rear, likely**2, jnp.maximum(_SLIDES / step, 1.0))
         along = once(self.wheels.linear(mixed.y, touch))
+        peak = self.friction * peaks(touch)[:, None]
         across_evidence: list[Array] = []
         for axle in range(2):
-            force = self._told(x, P[V_Y, V_Y], touch, along, axle)
+            force = self._told(x, P[V_Y, V_Y], touch, along, peak, axle)
             noise = force.noise + force.apart, force.noise
             counts = soon, jnp.maximum(lasts[axle] / step, 1.0)
             x, P, own = follow(x, P, force.row, force.innovation, noise, counts, MOVES)
@@ -247,7 +249,7 @@ class FrictionBank(eqx.Module):
         across = [self.motion.cornering(x, touch, axle) * angles[axle] for axle in range(2)]
         aside = Aside(jnp.stack(angles), jnp.stack(across))
         y, Y, likelihoods, jumps = self.wheels.learn(
-            mixed.y, mixed.Y, along, touch, self.friction, aside, jump, anew[2:], step
+            mixed.y, mixed.Y, along, touch, peak, aside, jump, anew[2:], step
         )
         evidence = jnp.concatenate([jnp.stack(across_evidence), likelihoods])
         evidence = jnp.asarray(_WEIGHTS, x.dtype) @ evidence + once(self._of_jumps(jumps))
@@ -260,21 +262,23 @@ class FrictionBank(eqx.Module):
         merged = moments(x, variance, jnp.sum(weight[:, 0], axis=0))
         return BankState(weight, x, P, y, Y, merged, level), in_default((most + jnp.log(total))[0, 0, 0])
 
-    def _told(self, x: Array, unsure: Array, touch: Touch, along: Array, axle: int) -> _Told:
-        """What an axle's F_y/F_z tells of the states, ``unsure`` the variance of v_y; its wheels' F_x/F_z
-        were ``along`` if linear."""
+    def _told(self, x: Array, unsure: Array, touch: Touch, along: Array, peak: Array, axle: int) -> _Told:
+        """What an axle's F_y/F_z tells of the states, ``unsure`` the variance of v_y; the wheels' F_x/F_z
+        were ``along`` if linear, and are ``peak`` at most."""
         speed = jnp.maximum(jnp.abs(touch.speed), SLOWEST)
         stiffness = self.motion.cornering(x, touch, axle)
         linear = stiffness * self.motion.slip_angle(x, touch, self.friction, axle)
         wheels = slice(2 * axle, 2 * axle + 2)
-        here = self._axle(x, along[wheels], linear, touch.bears[wheels])
+        bears = touch.bears[wheels, None]
+        here = self._axle(x, along[wheels], linear, peak[wheels], bears)
+        friction = jnp.sum(bears * peak[wheels], axis=0)
         # at a crawl, over all that v_y could be, the curve has no one slope
         measured = touch.across[axle]
-        bent = elastic(measured, self.friction, self.wheels.shape + x[SHAPE])
-        slope = chord(linear, here.across, here.across_by_angle, bent, measured, self.friction)
+        bent = elastic(measured, friction, self.wheels.shape + x[SHAPE])
+        slope = chord(linear, here.across, here.across_by_angle, bent, measured, friction)
         crawls = jnp.clip((_CRAWL - speed) / (_CRAWL - SLOWEST), 0.0, 1.0)
         wide = crawls * unsure * (stiffness / speed) ** 2
-        steeper = jnp.maximum(slope - here.across_by_angle, 0.0) * wide / (wide + self.friction**2)
+        steeper = jnp.maximum(slope - here.across_by_angle, 0.0) * wide / (wide + friction**2)
         by_angle = (here.across_by_angle + steeper) * stiffness
         lagged = -by_angle / speed
         rows = [jnp.zeros_like(lagged)] * SIZE  # stacked: writing one by one costs a pass each
@@ -313,11 +317,11 @@ class FrictionBank(eqx.Module):
         nowhere = jnp.where(jnp.any(asked, axis=1, keepdims=True), jnp.min(nowhere, axis=1), 0.0)
         return jnp.stack([weights @ stays, weights @ either - nowhere, weights @ shaken])
 
-    def _axle(self, x: Array, along: Array, across: Array, bears: Array) -> Grip:
+    def _axle(self, x: Array, along: Array, across: Array, peak: Array, bears: Array) -> Grip:
         """An axle's tires together: of its wheels, whose F_x/F_z, and its F_y/F_z, if linear, as much as each
         bears of its load: a brake locks the inner wheel, and the outer one goes on steering."""
-        wheels = bounded(along, across, self.friction, self.wheels.shape + x[SHAPE])
-        return Grip(*(jnp.sum(bears[:, None] * part, axis=0) for part in wheels))
+        wheels = bounded(along, across, peak, self.wheels.shape + x[SHAPE])
+        return Grip(*(jnp.sum(bears * part, axis=0) for part in wheels))
 
     def _mixed(self, state: BankState, distance: Array, dt: Array) -> BankState:
         """The road's friction drifts or changes over a distance; a hypothesis that is born anew inherits."""

@@ -84,7 +84,7 @@ class Wheels(eqx.Module):
         Y: Float[Array, "4 m m J"],
         linear: Float[Array, "4 J"],
         touch: Touch,
-        friction: Float[Array, " J"],
+        friction: Float[Array, "4 J"],
         aside: Aside,
         jump: slip_jump.Jump,
         anew: Float[Array, " 4"],
@@ -96,7 +96,7 @@ class Wheels(eqx.Module):
             y, Y: before.
             linear: :meth:`linear` of it.
             touch: of the tires on the road.
-            friction: hypotheses.
+            friction: of each wheel's tire under each hypothesis.
             aside: what the tires do sideways.
             jump: of the slips.
             anew: how often per second a wheel's place on its curve changes.

@@ -53,6 +53,9 @@ _REAR_GIVE = 0.03  # share that the suspension has in the rear axle's softness
 # what the pneumatic trail has in what steering gives: it shrinks with the friction that is used (Pacejka,
 # Tire and Vehicle Dynamics, ch. 3.2), the caster's trail does not
 _TRAIL = 0.5
+# share by which a tire's peak falls as its load doubles: mean of three property files, .07 to .17 (Pacejka,
+# ch. 4.3: p_D2 over p_D1)
+_BY_LOAD = 0.1
 _LEAST_GIVE = 0.03  # 1σ of what the front suspension gives, over the axle's softness, at the least
 _ACCEL = 0.01  # m/s²/√Hz: white error of what moves the car sideways, however good the accelerometer
 _BOTH_LAST = np.outer(_LASTS, _LASTS)
@@ -78,7 +81,7 @@ class Touch(NamedTuple):
         across_std, along_std: 1σ of the forces over load beyond the model's own; infinite where unknown.
         split_std: (4,) the part of the latter that lasts: of how wheels share what they bear together.
         shaken: (2,) 1σ of the forces over load, along and across, by which tires bounce on a rough road.
-        bears: (4,) share of its axle's load that each wheel bears.
+        load: (4,) of the wheels over their mean.
         lag: s by which ``angle`` lags, and so v_y must.
         banking: g times the rate of the road's bank, m/s³, and its white error, m/s³/√Hz, infinite where
             no roll rate tells it.
@@ -101,10 +104,15 @@ class Touch(NamedTuple):
     along_std: Float[Array, " 4"]
     split_std: Float[Array, " 4"]
     shaken: Float[Array, " 2"]
-    bears: Float[Array, " 4"]
+    load: Float[Array, " 4"]
     lag: Float[Array, ""]
     banking: Float[Array, " 2"]
     spins: Bool[Array, ""]
+
+    @property
+    def bears(self) -> Float[Array, " 4"]:
+        """Share of its axle's load that each wheel bears."""
+        return self.load / jnp.repeat(self.load[0::2] + self.load[1::2], 2)
 
 
 class Sideways(eqx.Module):
@@ -234,3 +242,9 @@ class Sideways(eqx.Module):
 def twisting(touch: Touch, friction: Float[Array, " J"]) -> Float[Array, " J"]:
     """How much of what steering gives is left as the front tires use more of each friction."""
     return 1 - _TRAIL * jnp.minimum(jnp.abs(touch.across[0]) / friction, 1.0)
+
+
+def peaks(touch: Touch) -> Float[Array, " 4"]:
+    """(4,) of each tire, its peak over the friction of the road: an outer wheel of a bend has less of it, and
+    its axle too, since that wheel bears more than the other; so has a front axle that brakes."""
+    return 1 - _BY_LOAD * (touch.load - 1)

@@ -141,7 +141,7 @@ def evidence(
     touch: Touch,
     aside: Float[Array, "4 J"],
     stiffness: Float[Array, ""],
-    friction: Float[Array, " J"],
+    friction: Float[Array, "4 J"],
     bent: Float[Array, "4 J"],
     force_std: Float[Array, "4 1"],
     step: Float[Array, ""],
@@ -158,7 +158,7 @@ def evidence(
         touch: of the tires on the road.
         aside: 1σ of a slip by the slip angle, under each hypothesis.
         stiffness: C_κ/F_z.
-        friction: hypotheses.
+        friction: of each wheel's tire under each hypothesis.
         bent: C_κ σ/F_z of the slip σ that goes with the force by the tires' curve.
         force_std: 1σ of the force over load.
         step: s since the last sample.

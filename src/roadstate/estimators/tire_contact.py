@@ -170,7 +170,7 @@ class TireContact(eqx.Module):
             along_std=rss(forces.along_std, _LAG_ERROR * along_rate) + unknown,
             split_std=forces.along_std,
             shaken=shaken,
-            bears=load / jnp.repeat(axles, 2),
+            load=load / jnp.mean(load),
             lag=lag + late[YAW_RATE],
             banking=banking,
             spins=spins,
