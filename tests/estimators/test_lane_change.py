@@ -1,4 +1,4 @@
-"""A lane change that uses most of a slippery road's friction, by the book's own tire."""
+"""A lane change that uses most of a slippery road's friction, on the reference plant."""
 
 from __future__ import annotations
 
