@@ -17,12 +17,8 @@ BEGINS, TAKES, MOST = 2.0, 0.3, 7.0  # s, s and m/s²
 def test_lateral_forces_follow_at_once() -> None:
     """Straight ahead, then within .3 s into 7 m/s², by which both accelerometers are shaken for a second."""
     vehicle = load_vehicle("family-car")
-    meter, read, zero, still = (
-        ForceMeter(vehicle, []),
-        eqx.filter_jit(ForceMeter.read),
-        jnp.zeros(8),
-        jnp.zeros(()),
-    )
+    meter, read = ForceMeter(vehicle, []), eqx.filter_jit(ForceMeter.read)
+    zero, still = jnp.zeros(8), jnp.zeros(())
     state, told = meter.init(), []
     time = np.arange(0, 3, STEP)
     accel = MOST * np.clip((time - BEGINS) / TAKES, 0, 1)

@@ -60,7 +60,7 @@ _SLIDES = 1.0  # s in which it becomes another one
 _TURN_TIME = 1.5  # s for which errors last that come from how the car turns in
 _ANGLE_ERROR = (0.0005, 0.01)  # 1σ of a slip angle, rad, beside v_y's and the steering's bias; and a share
 _SWAYS = 0.07  # rad (m/s)²: of a body that sways by v_y/v_x, while tires follow late by a length over v_x
-_TOE = 0.002  # rad: of all that to what moves, with where an axle heads for good
+_TOE = 0.002  # rad: what v_y and the bank are told instead: where an axle heads does not average out
 _BEND = 0.3  # 1σ of an axle's force, as a share of what it lacks of a linear one
 _ANEW = (0.06, 12.0)  # change of a force over load that tells anew; else it does after s
 _CRAWL = 1.5 * SLOWEST  # m/s: up to there v_y may be so unsure that tires slide or not
@@ -302,7 +302,7 @@ class FrictionBank(eqx.Module):
         innovation = jnp.where(known, measured - here.across - misread, 0.0)
         repeats = jnp.where(known, turning * gain / jnp.where(known, noise, 1.0), 0.0)
         noise = jnp.where(known, noise, 1e12)
-        # where a tire bends, its force tells little of how far it slips
+        # where a tire bends, its force tells little of how far it slips; toe replaces what angles err by
         apart = (_BEND * (linear - here.across)) ** 2 + (_TOE**2 - astray) * by_angle**2
         return _Told(jnp.stack(rows), innovation, noise, apart, repeats, known)
 
