@@ -99,20 +99,21 @@ class TestBank:
         assert low > 0.95 * force
         assert high > 0.9
 
-    @pytest.mark.parametrize(("most", "off"), [(0.02, 0.06), (0.03, 0.15)])
-    def test_a_car_that_sways_does_not_slide(self, vehicle: Vehicle, most: float, off: float) -> None:
+    @pytest.mark.parametrize("often", [6.0, 7.0])
+    def test_a_car_that_sways_does_not_slide(self, vehicle: Vehicle, often: float) -> None:
         """At a crawl, as on a rough road: v_y follows what the tires bear, though no bank explains it."""
         bank, time = FrictionBank(vehicle, ()), np.arange(0, 4, 0.01)
-        sways, bears = most * np.sin(7 * time), 0.03 * np.sin(5 * time)
+        sways, bears = 0.03 * np.sin(often * time), 0.03 * np.sin(5 * time)
         crawl = touch()._replace(speed=jnp.asarray(4.7))
-        state, found = bank.init(), []
+        state, found, upper = bank.init(), [], []
         for a, f in zip(sways, bears, strict=True):
             here = crawl._replace(angle=jnp.full(2, a), across=jnp.full(2, f), accel_y=jnp.asarray(f))
             state = stepped(bank, state, here)
             found.append(float(bank.merged(state)[0][V_Y]))
-        assert float(bank.quantiles(state, (0.95,))[0, 0]) > 0.8
+            upper.append(float(bank.quantiles(state, (0.95,))[0, 0]))
+        assert min(upper) > 0.8
         slides = 4.7 * (sways - bears / np.mean(np.asarray(bank.motion.stiffness)))
-        assert np.sqrt(np.mean((np.asarray(found) - slides)[200:] ** 2)) < off
+        assert np.sqrt(np.mean((np.asarray(found) - slides)[200:] ** 2)) < 0.06
 
     def test_what_nothing_tells_is_no_change(self, vehicle: Vehicle) -> None:
         """F_y begins where it is first known; a wheel that falls silent comes back as it was."""

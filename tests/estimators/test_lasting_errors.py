@@ -14,7 +14,7 @@ from roadstate.vehicles import Vehicle
 
 SPEED, STEP, SECONDS, SEEDS = 15.0, 0.02, 40.0, 16
 LASTS, SWIFT = 12.0, 0.1  # s: of an error while a tire stays where it is, and of what comes and goes
-ANGLE_ERROR = 0.0015  # rad: less than sideslip is told, three times what friction is
+ANGLE_ERROR = 0.002  # rad
 Numbers = NDArray[np.float64]
 
 

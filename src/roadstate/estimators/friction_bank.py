@@ -59,8 +59,10 @@ _SPUN = 2.0  # rad: of a car that spins
 _SLIDES = 1.0  # s in which it becomes another one
 _TURN_TIME = 1.5  # s for which errors last that come from how the car turns in
 _ANGLE_ERROR = (0.0005, 0.01)  # 1σ of a slip angle, rad, beside v_y's and the steering's bias; and a share
-_SWAYS = 0.07  # rad (m/s)²: of a body that sways by v_y/v_x, while tires follow late by a length over v_x
-_TOE = 0.002  # rad: what v_y and the bank are told instead: where an axle heads does not average out
+_SWAYS = 0.1  # rad (m/s)²: of a body that sways by v_y/v_x, while tires follow late by a length over v_x
+# rad: what v_y and the bank are told instead, as where an axle heads does not average out; and friction too,
+# until its force has changed: by then v_y and the steering's bias have taken that on
+_TOE = 0.002
 _BEND = 0.3  # 1σ of an axle's force, as a share of what it lacks of a linear one
 _ANEW = (0.06, 12.0)  # change of a force over load that tells anew; else it does after s
 _CRAWL = 1.5 * SLOWEST  # m/s: up to there v_y may be so unsure that tires slide or not
@@ -237,7 +239,7 @@ class FrictionBank(eqx.Module):
         peak = self.friction * peaks(touch)[:, None]
         across_evidence: list[Array] = []
         for axle in range(2):
-            force = self._told(x, P[V_Y, V_Y], touch, along, peak, axle)
+            force = self._told(x, P[V_Y, V_Y], touch, along, peak, axle, whole[axle])
             noise = force.noise + force.apart, force.noise
             counts = soon, jnp.maximum(lasts[axle] / step, 1.0)
             x, P, own = follow(x, P, force.row, force.innovation, noise, counts, MOVES)
@@ -262,9 +264,11 @@ class FrictionBank(eqx.Module):
         merged = moments(x, variance, jnp.sum(weight[:, 0], axis=0))
         return BankState(weight, x, P, y, Y, merged, level), in_default((most + jnp.log(total))[0, 0, 0])
 
-    def _told(self, x: Array, unsure: Array, touch: Touch, along: Array, peak: Array, axle: int) -> _Told:
+    def _told(
+        self, x: Array, unsure: Array, touch: Touch, along: Array, peak: Array, axle: int, changed: Array
+    ) -> _Told:
         """What an axle's F_y/F_z tells of the states, ``unsure`` the variance of v_y; the wheels' F_x/F_z
-        were ``along`` if linear, and are ``peak`` at most."""
+        were ``along`` if linear, and are ``peak`` at most. ``changed`` is 1 where the force is a new one."""
         speed = jnp.maximum(jnp.abs(touch.speed), SLOWEST)
         stiffness = self.motion.cornering(x, touch, axle)
         linear = stiffness * self.motion.slip_angle(x, touch, self.friction, axle)
@@ -295,7 +299,8 @@ class FrictionBank(eqx.Module):
         turning, gain = touch.across_std[axle] ** 2, (1 + gives * by_angle) ** 2
         noise = self._shake**2 + FORCE_ERROR[0] ** 2 + (FORCE_ERROR[1] * measured) ** 2
         noise = noise + turning + touch.shaken[1] ** 2
-        astray = _ANGLE_ERROR[0] ** 2 + (_ANGLE_ERROR[1] * touch.angle[axle]) ** 2 + (_SWAYS / speed**2) ** 2
+        heads = changed * _ANGLE_ERROR[0] ** 2 + (1 - changed) * _TOE**2
+        astray = heads + (_ANGLE_ERROR[1] * touch.angle[axle]) ** 2 + (_SWAYS / speed**2) ** 2
         noise = noise * gain + astray * by_angle**2
         known = jnp.isfinite(noise) & (jnp.abs(touch.speed) > SLOWEST)
         misread = (x[BIAS_Y] + x[LEVER] * touch.yaw_accel) / GRAVITY
