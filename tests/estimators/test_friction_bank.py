@@ -296,14 +296,18 @@ class TestBank:
         low, _, high = np.asarray(bank.quantiles(self.driven(bank, *phases), (0.05, 0.5, 0.95)))[:, 0]
         assert low < 0.8 < high < 1.0
 
-    def test_no_tire_bears_more_than_the_friction(self, vehicle: Vehicle) -> None:
-        """After ice comes asphalt, of which only forces tell: the speed is known too badly for any slip."""
+    @pytest.mark.parametrize(("shared", "slip", "seconds"), [(0.2, 0.05, 1.0), (0.015, 0.02, 0.2)])
+    def test_no_tire_bears_more_than_the_friction(
+        self, vehicle: Vehicle, shared: float, slip: float, seconds: float
+    ) -> None:
+        """After ice comes asphalt, of which forces tell: the speed is known too badly for any slip, or so
+        badly that a slip's error might last for seconds."""
         bank = FrictionBank(vehicle, ())
-        icy, dry = touch(-0.14, -0.25), touch(-0.6, -0.05)
-        unsure = dry._replace(slip_shared=jnp.asarray(0.2))
+        icy, dry = touch(-0.14, -0.25), touch(-0.6, -slip)
+        unsure = dry._replace(slip_shared=jnp.asarray(shared))
         before, after = (
-            np.asarray(bank.quantiles(self.driven(bank, (1.0, icy), (seconds, unsure)), (0.05, 0.5, 0.95)))
-            for seconds in (0.0, 1.0)
+            np.asarray(bank.quantiles(self.driven(bank, (1.0, icy), (lasts, unsure)), (0.05, 0.5, 0.95)))
+            for lasts in (0.0, seconds)
         )
         assert (before[2] < 0.4).all()
         assert (after[0] > 0.5).all()

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 _SIZE = 4  # states of a wheel
 _GAIN = 0.04  # 1σ of what the shares of brakes and load are told wrong by, for good
+_MOST = 3.0  # σ of them that a force may be beyond the friction for nothing
 _SHARE = 0.05  # 1σ of a wheel's share of the force, as a share of it, where nothing but that tells
 _SLIP_OFFSET = 0.003  # 1σ of a slip, of radii that differ
 _SLIP_ASIDE = 0.4  # 1σ of a slip, as a share of the slip angle: where a wheel heads is known that well
@@ -119,23 +120,25 @@ class Wheels(eqx.Module):
         floor = touch.along_std[:, None] ** 2 + FORCE_ERROR[0] ** 2 + (FORCE_ERROR[1] * measured) ** 2
         shaken = floor + touch.shaken[0] ** 2
         noise = shaken + (by_error * slips) ** 2 + (by_noise * touch.slip_noise[:, None]) ** 2
-        # a curve is no line over the width of a slip that is hardly known, unless the tire surely slides;
-        # but no tire bears more than the friction, whatever its slip
+        # a curve is no line over the width of a slip that is hardly known, unless the tire surely slides
         sure = jnp.maximum(_SLIP_KNOWN, jnp.abs(touch.slip[:, None]) / 3) > touch.slip_shared
-        beyond = jnp.sign(measured) * jnp.maximum(jnp.abs(measured) - friction, 0.0)
         known: Bool[Array, "4 1"] = jnp.isfinite(floor) & (jnp.abs(touch.speed) > 0.5 * SLOWEST)
-        noise = jnp.where(known, jnp.where(sure, noise, shaken + (_SHARE * measured) ** 2), 1e12)
-        row = jnp.where(sure[:, None], row, 0.0)
-        innovation = jnp.where(known, jnp.where(sure, measured - gain * here.along, beyond), 0.0)
-        shared = (by_error * touch.slip_shared) ** 2 / noise
-        lent = jnp.where(known, touch.split_std[:, None], 0.0) ** 2 / noise
-        # but a force beyond the friction no slip explains
+        noise = jnp.where(known & sure, noise, 1e12)
+        innovation = jnp.where(known & sure, measured - gain * here.along, 0.0)
+        shared = (by_error * touch.slip_shared) ** 2
+        lent = jnp.where(known, touch.split_std[:, None], 0.0) ** 2
         of_slip = jnp.full_like(friction, _SLIP_TIME[0])
         own = jnp.where(jnp.abs(measured) > friction, FORCE_ERROR_TIME, of_slip)
-        lasts = 2 * (own + (_SLIP_TIME[1] - own) * jnp.where(sure, shared, 0.0) + _SPLIT_TIME * lent)
+        lasts = 2 * (own + ((_SLIP_TIME[1] - own) * shared + _SPLIT_TIME * lent) / noise)
         counts = jnp.maximum((lasts + 1 / anew[:, None]) / step, 1.0)
         y, Y, own = learn(y, Y, row, innovation, noise, counts)
         likelihood = weigh(innovation, own, noise, counts, onset=_ONSET)
+        # but no tire bears more than the friction, whatever its slip, unless its load is told too small
+        above = jnp.maximum(jnp.abs(measured) - (1 + _MOST * _GAIN) * friction, 0.0)
+        noise = jnp.where(known, shaken + (_SHARE * measured) ** 2, 1e12)
+        lasts = 2 * (FORCE_ERROR_TIME + _SPLIT_TIME * lent / noise) + 1 / anew[:, None]
+        excess = weigh(above, jnp.zeros_like(above), noise, jnp.maximum(lasts / step, 1.0), onset=_ONSET)
+        likelihood = jnp.minimum(likelihood, excess)
         jumps = slip_jump.evidence(
             jump, touch, turned, self.slip_stiffness, friction, bent, jnp.sqrt(floor), step
         )
