@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from roadstate.calibration import scores
 from roadstate.core import Estimates, Log, traced
 from roadstate.core.numerics import jit_loop
 from roadstate.estimators import build
@@ -41,7 +43,7 @@ def log() -> Log:
 def anew(monkeypatch: pytest.MonkeyPatch) -> None:
     """As in a process that has not run anything yet."""
     apart = partial(chunk.scan_steps, apart=True)
-    monkeypatch.setattr(chunk, "_APART", jit_loop(apart, whole=False, results=chunk._RESULTS))
+    monkeypatch.setattr(chunk, "_APART", jit_loop(apart, whole=False, kept=True))
 
 
 def kept(folder: Path) -> list[Path]:
@@ -64,6 +66,33 @@ def test_the_next_process_traces_nothing(
     assert alike(first, again)
     monkeypatch.undo()
     assert alike(first, scan(kmbe, log))  # as without
+
+
+def test_what_calibration_keeps_of_a_step_is_found_again(
+    folder: Path, kmbe: Estimator[Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whoever asks for other rows than an estimator's own has named tuples of their own."""
+    state, layout = chunk.start(kmbe)
+    samples, dt = jnp.ones((chunk.CHUNK, len(kmbe.channels))), jnp.full(chunk.CHUNK, 0.01)
+    found = []
+    for _ in range(2):
+        anew(monkeypatch)
+        through = chunk.steps_through(10 * chunk.CHUNK)
+        found.append(through(kmbe, layout, state, samples, dt, jnp.asarray(5), scores.kept)[1])
+        assert len(kept(folder)) == 1
+        monkeypatch.setattr(KMBE, "step", lambda *_: pytest.fail("traced"))
+    assert isinstance(found[1], scores.Rows)
+    np.testing.assert_array_equal(found[0].log_likelihood, found[1].log_likelihood)
+
+
+def test_a_result_that_nobody_has_named_is_no_error(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Own(NamedTuple):
+        value: Any
+
+    monkeypatch.setattr(traced, "_description", lambda *_: "any")
+    told = jit_loop(lambda x: Own(2 * x), whole=False, kept=True)(jnp.ones(2))
+    np.testing.assert_array_equal(told.value, 2.0)
+    assert not kept(folder)
 
 
 def test_one_program_serves_all_chunks(

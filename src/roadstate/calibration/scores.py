@@ -9,12 +9,14 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from roadstate.core.gaussian import Gate, Info
+from roadstate.core.traced import returned
 from roadstate.estimators import Estimator
 from roadstate.filters.base import LOG_2PI, GateRule
 
 _OUTLIER = GateRule().threshold
 
 
+@returned
 class Rows(NamedTuple):
     """Steps of each of b estimators, the unmoved one first.
 

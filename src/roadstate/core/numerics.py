@@ -54,9 +54,7 @@ if "JAX_ENABLE_X64" not in os.environ:
     jax.config.update("jax_enable_x64", True)  # type: ignore[no-untyped-call]
 
 
-def jit_loop(
-    function: Callable[P, R], *, whole: bool = True, results: tuple[type, ...] | None = None
-) -> Callable[P, R]:
+def jit_loop(function: Callable[P, R], *, whole: bool = True, kept: bool = False) -> Callable[P, R]:
     """``equinox.filter_jit`` for a function that is one long loop over small arrays.
 
     On a CPU such a loop would spend most of its time going from one tiny kernel to the next. So it becomes
@@ -66,8 +64,9 @@ def jit_loop(
         function: the loop.
         whole: make it one kernel; without, the function marks by itself what shall be one
             (:func:`roadstate.core.kernel.one_kernel`).
-        results: named tuples among what it returns, if that is nothing but arrays, in tuples and dicts: then
-            what it was traced to is kept for the next process (:mod:`roadstate.core.traced`).
+        kept: keep what it was traced to for the next process (:mod:`roadstate.core.traced`). It must return
+            nothing but arrays, in tuples, dicts and named tuples that are
+            :func:`~roadstate.core.traced.returned`.
     """
     looped = one_kernel(function) if whole else function
 
@@ -97,8 +96,8 @@ def jit_loop(
             with first:  # threads that come at once shall wait for one program, not compile one each
                 if key not in programs:
                     program = usual
-                    if results is not None:
-                        program = traced.recalled(looped, results, dict(options), *args, **kwargs) or usual
+                    if kept:
+                        program = traced.recalled(looped, dict(options), *args, **kwargs) or usual
                     result = program(*args, **kwargs)
                     programs[key] = program
                     return result

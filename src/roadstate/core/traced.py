@@ -26,6 +26,7 @@ from jaxtyping import PyTree
 
 P = ParamSpec("P")
 R = TypeVar("R")
+Kind = TypeVar("Kind", bound=type)
 
 folder: Path | None = None
 """Where they are kept; ``None``: nowhere, and every program is traced."""
@@ -35,9 +36,14 @@ _SIGNED = hashlib.sha256().digest_size
 _ELSEWHERE = " at 0x"  # in what Python says of things that have no other name than where they lie in memory
 
 
+def returned(kind: Kind) -> Kind:
+    """A decorator: programs that are kept may return this named tuple, which is known on disk by its name."""
+    export.register_namedtuple_serialization(kind, serialized_name=f"{kind.__module__}.{kind.__qualname__}")
+    return kind
+
+
 def recalled(
     function: Callable[P, R],
-    results: tuple[type, ...],
     options: dict[str, Any],
     *args: P.args,
     **kwargs: P.kwargs,
@@ -45,22 +51,21 @@ def recalled(
     """A function compiled for arguments like these, by what it was traced to: before, or now for next time.
 
     Args:
-        function: this package's; of arrays it returns nothing but arrays, in tuples and dicts.
-        results: named tuples among what it returns.
+        function: this package's; of arrays it returns nothing but arrays, in tuples, dicts and named tuples
+            that are :func:`returned`.
         options: the compiler's.
         args, kwargs: of its first call.
 
     Returns:
         The program, or ``None`` where it cannot be kept: no folder is set, it is for another device than a
-        CPU, or something in it comes from elsewhere, whose source may be another one the next time.
+        CPU, something in it comes from elsewhere, whose source may be another one the next time, or nobody
+        has said how to write down what it returns.
     """
     if folder is None or jax.default_backend() != "cpu" or jax.config.values["jax_disable_jit"]:
         return None
     told = _description(function, (args, kwargs))
     if told is None:
         return None
-    for kind in results:
-        _register(kind)
     path = folder / f"{hashlib.sha256(told.encode()).hexdigest()}.traced"
     exported = _read(path)
     if exported is None:
@@ -73,9 +78,10 @@ def recalled(
 
         try:
             exported = export.export(jax.jit(flat))(leaves)
-        except ValueError:  # it calls a library in a way that another version may not have
+            written = exported.serialize()
+        except ValueError:  # it calls a library in a way that another version may not have, or returns others
             return None
-        _write(path, exported.serialize())
+        _write(path, written)
     # compiled here, so that one program will do: its results are bound to a device, its first arguments not
     program = jax.jit(exported.call, compiler_options=options).lower(_arrays(args, kwargs)).compile()
 
@@ -88,11 +94,6 @@ def recalled(
 
 def _arrays(*arguments: PyTree) -> list[Any]:
     return [leaf for leaf in jax.tree.leaves(arguments) if eqx.is_array(leaf)]
-
-
-@cache
-def _register(kind: type) -> None:
-    export.register_namedtuple_serialization(kind, serialized_name=f"{kind.__module__}.{kind.__qualname__}")
 
 
 def _read(path: Path) -> Any:

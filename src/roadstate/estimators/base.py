@@ -14,6 +14,7 @@ from jaxtyping import Array, Bool, Float, Int
 from roadstate.core.channels import CHANNELS
 from roadstate.core.errors import InputError
 from roadstate.core.gaussian import Info
+from roadstate.core.traced import returned
 from roadstate.filters.base import Filter
 
 if TYPE_CHECKING:
@@ -32,6 +33,7 @@ def leaf(value: float) -> Float[Array, ""]:
     return jnp.asarray(float(value))
 
 
+@returned
 class Estimate(NamedTuple):
     """What an estimator says at one instant.
 

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from roadstate.core.gaussian import Gate, Gaussian, Info, Reason
+from roadstate.core.traced import returned
 from roadstate.linalg import correct, product, tria
 from roadstate.statespace import StateSpaceModel
 
@@ -31,6 +32,7 @@ class FilterState(NamedTuple):
     rejected: Int[Array, " m"]
 
 
+@returned
 class Moved(NamedTuple):
     """A Gaussian carried through f, as deviations: P = X Xᵀ, Cov(x⁺, x) = X⁺ Xᵀ, P⁺ = X⁺ X⁺ᵀ + N Nᵀ.
 

@@ -19,6 +19,7 @@ from roadstate.core.gaussian import Gate, Info, Reason
 from roadstate.core.halves import two_kernels
 from roadstate.core.numerics import jit_loop
 from roadstate.core.packing import Layout
+from roadstate.core.traced import returned
 from roadstate.estimators.base import SILENT_STEP, Estimate, Estimator
 
 R = TypeVar("R")
@@ -50,6 +51,7 @@ _LISTENS = 5  # of the first steps through a break, until all is stale; then eac
 _LAST = 0.02  # s: of the one that leads to the sample
 
 
+@returned
 class Heard(NamedTuple):
     """What came of one step's samples, by sensor."""
 
@@ -59,6 +61,7 @@ class Heard(NamedTuple):
     gate: Int[Array, " m"]
 
 
+@returned
 class Row(NamedTuple):
     """What one step leaves behind."""
 
@@ -152,9 +155,8 @@ does to one of the many small loops in a step it does within all that is around 
 long where a step is two kernels, compiled side by side. Steps of their own take a third longer.
 """
 
-_RESULTS = (Row, Heard, Estimate)
-_WHOLE = jit_loop(scan_steps, results=_RESULTS)
-_APART = jit_loop(partial(scan_steps, apart=True), whole=False, results=_RESULTS)
+_WHOLE = jit_loop(scan_steps, kept=True)
+_APART = jit_loop(partial(scan_steps, apart=True), whole=False, kept=True)
 
 
 def steps_through(total: int) -> Callable[..., Any]:

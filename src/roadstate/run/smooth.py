@@ -17,6 +17,7 @@ from roadstate.core.halves import two_kernels
 from roadstate.core.kernel import one_kernel
 from roadstate.core.numerics import jit_loop
 from roadstate.core.packing import Layout
+from roadstate.core.traced import returned
 from roadstate.estimators import all_estimators
 from roadstate.estimators.base import Estimate, Estimator, Sample, Smoothable
 from roadstate.filters.base import FilterState, Moved
@@ -28,6 +29,7 @@ _CHUNK = 512
 there: so the memory grows with the larger of the two numbers, not with their product."""
 
 
+@returned
 class _Behind(NamedTuple):
     """What filtering leaves at a sample for going back.
 
@@ -40,6 +42,7 @@ class _Behind(NamedTuple):
     heard: Heard
 
 
+@returned
 class _Ahead(NamedTuple):
     """What going back takes from the sample after.
 
@@ -201,8 +204,8 @@ def _go_back(
     return ahead, told.unpack(packed)
 
 
-_forth = jit_loop(_go_forth, whole=False, results=(_Behind, Moved, Heard))
-_back = jit_loop(_go_back, whole=False, results=(_Ahead, Moved, Estimate))
+_forth = jit_loop(_go_forth, whole=False, kept=True)
+_back = jit_loop(_go_back, whole=False, kept=True)
 
 
 def _beyond(last: _Behind) -> _Ahead:
