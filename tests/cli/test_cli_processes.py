@@ -29,9 +29,7 @@ def minute_csv(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_it_ends_well_at_first_and_by_what_is_kept(
-    command: str, minute_csv: Path, tmp_path: Path
-) -> None:
+def test_it_ends_well_at_first_and_by_what_is_kept(command: str, minute_csv: Path, tmp_path: Path) -> None:
     cache, said = tmp_path / "cache", []
     usual = {**os.environ, "XDG_CACHE_HOME": str(cache), "COLUMNS": "80"}
     for _ in range(2):
