@@ -28,6 +28,8 @@ class Outcome:
 
 
 Run = Callable[..., Outcome]
+NOISE = 0.4
+"""m/s: of the speed signal of the fixture ``noisy``."""
 
 
 def assert_refusal(end: Outcome) -> None:

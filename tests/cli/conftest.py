@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
-from cli_case import Outcome, Run, assert_refusal
+from cli_case import NOISE, Outcome, Run, assert_refusal
 
 from roadstate.cli import main
 from roadstate.core import Log
@@ -63,3 +64,15 @@ def two_parts(drive: Log, tmp_path_factory: pytest.TempPathFactory) -> tuple[Pat
     folder = tmp_path_factory.mktemp("parts")
     later = write(drive.between(5.0, 11.0), folder / "b_later.csv")
     return later, write(drive.between(0.0, 5.0), folder / "a_earlier.csv")
+
+
+@pytest.fixture(scope="session")
+def noisy(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A minute of driving with a speed signal of known noise."""
+    random = np.random.default_rng(5)
+    time = np.arange(0.0, 60.0, 0.05)
+    speed = 20 + 5 * np.sin(0.3 * time) + NOISE * random.normal(size=len(time))
+    accel = 1.5 * np.cos(0.3 * time) + 0.13 * random.normal(size=len(time))
+    return write(
+        Log(time, {"speed": speed, "accel_x": accel}), tmp_path_factory.mktemp("noisy") / "noisy.csv"
+    )

@@ -6,25 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli_case import Run, assert_refusal, steady
+from cli_case import NOISE, Run, assert_refusal, steady
 
 from roadstate.core import Log
 from roadstate.io import read_all, write
 from roadstate.vehicles import load_vehicle
-
-NOISE = 0.4
-
-
-@pytest.fixture(scope="module")
-def noisy(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A minute of driving with a speed signal of known noise."""
-    random = np.random.default_rng(5)
-    time = np.arange(0.0, 60.0, 0.05)
-    speed = 20 + 5 * np.sin(0.3 * time) + NOISE * random.normal(size=len(time))
-    accel = 1.5 * np.cos(0.3 * time) + 0.13 * random.normal(size=len(time))
-    return write(
-        Log(time, {"speed": speed, "accel_x": accel}), tmp_path_factory.mktemp("noisy") / "noisy.csv"
-    )
 
 
 def test_writes_a_vehicle_file(run: Run, noisy: Path, tmp_path: Path) -> None:
