@@ -127,6 +127,7 @@ class Wheels(eqx.Module):
         innovation = jnp.where(known & sure, measured - gain * here.along, 0.0)
         shared = (by_error * touch.slip_shared) ** 2
         lent = jnp.where(known, touch.split_std[:, None], 0.0) ** 2
+        # what a force is beyond the friction errs no longer than forces do
         of_slip = jnp.full_like(friction, _SLIP_TIME[0])
         own = jnp.where(jnp.abs(measured) > friction, FORCE_ERROR_TIME, of_slip)
         lasts = 2 * (own + ((_SLIP_TIME[1] - own) * shared + _SPLIT_TIME * lent) / noise)
