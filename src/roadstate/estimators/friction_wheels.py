@@ -132,14 +132,11 @@ class Wheels(eqx.Module):
         own = jnp.where(jnp.abs(measured) > friction, FORCE_ERROR_TIME, of_slip)
         lasts = 2 * (own + ((_SLIP_TIME[1] - own) * shared + _SPLIT_TIME * lent) / noise)
         counts = jnp.maximum((lasts + 1 / anew[:, None]) / step, 1.0)
-        y, Y, own = learn(y, Y, row, innovation, noise, counts)
-        likelihood = weigh(innovation, own, noise, counts, onset=_ONSET)
-        # but no tire bears more than the friction, whatever its slip, unless its load is told too small
-        above = jnp.maximum(jnp.abs(measured) - (1 + _MOST * _GAIN) * friction, 0.0)
-        noise = jnp.where(known, shaken + (_SHARE * measured) ** 2, 1e12)
-        lasts = 2 * (FORCE_ERROR_TIME + _SPLIT_TIME * lent / noise) + 1 / anew[:, None]
-        excess = weigh(above, jnp.zeros_like(above), noise, jnp.maximum(lasts / step, 1.0), onset=_ONSET)
-        likelihood = jnp.minimum(likelihood, excess)
+        y, Y, foreseen = learn(y, Y, row, innovation, noise, counts)
+        likelihood = weigh(innovation, foreseen, noise, counts, onset=_ONSET)
+        by_force = jnp.where(known, shaken + (_SHARE * measured) ** 2, 1e12)
+        keeps = 2 * (FORCE_ERROR_TIME + _SPLIT_TIME * lent / by_force) + 1 / anew[:, None]
+        likelihood = jnp.minimum(likelihood, _beyond(measured, friction, by_force, keeps / step))
         jumps = slip_jump.evidence(
             jump, touch, turned, self.slip_stiffness, friction, bent, jnp.sqrt(floor), step
         )
@@ -160,3 +157,12 @@ class Wheels(eqx.Module):
         bent = elastic(force, friction, shape)
         slope = chord(linear, here.along, here.along_by_ratio, bent, force, friction)
         return here, stiff * here.along_by_ratio, stiff * slope, bent
+
+
+def _beyond(force: Array, friction: Array, noise: Array, counts: Array) -> Array:
+    """Log-likelihood of a force over load that its tire cannot bear, whatever its slip; 0 of another; (4, J).
+
+    Its load may be told too small, but no more than ``_MOST`` σ.
+    """
+    excess = jnp.maximum(jnp.abs(force) - (1 + _MOST * _GAIN) * friction, 0.0)
+    return weigh(excess, jnp.zeros_like(excess), noise, jnp.maximum(counts, 1.0), onset=_ONSET)
