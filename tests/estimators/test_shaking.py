@@ -49,19 +49,19 @@ def test_few_samples_tell_as_much_of_a_rough_road(rate: float) -> None:
     size = np.sqrt(np.mean(usual[rough] ** 2))
     keep = np.exp(-0.01 / 0.05)
     passes = 1 - (1 - keep) / (1 - keep * np.exp(-2j * np.pi * frequencies / 100))
-    assert size == pytest.approx(0.4 * np.sqrt(np.mean(np.abs(passes) ** 2)), rel=0.05)
+    assert size == pytest.approx(0.4 * np.sqrt(np.mean(np.abs(passes) ** 4)), rel=0.05)
     assert np.sqrt(np.mean(few[rough[::every]] ** 2)) == pytest.approx(size, rel=0.1)
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.2])
 def test_what_shakes_faster_than_a_car_moves_is_told_beside_noise(noise: float) -> None:
-    """A sine of amplitude A at f, through 1 − 1/(1 + iωτ), has A ωτ/√(1 + (ωτ)²)/√2."""
+    """A sine of amplitude A at f, twice through 1 − 1/(1 + iωτ), has A (ωτ)²/(1 + (ωτ)²)/√2."""
     rate, frequency, amplitude = 100.0, 5.0, 0.5
     time = np.arange(2000) / rate
     samples = 3.0 + amplitude * np.sin(2 * np.pi * frequency * time)
     samples += noise * np.random.default_rng(2).normal(size=len(time))
     turn = 2 * np.pi * frequency * 0.05
-    expected = amplitude / 2**0.5 * turn / np.hypot(1, turn)
+    expected = amplitude / 2**0.5 * turn**2 / (1 + turn**2)
     size = measured(samples, rate)[500:]
     assert np.sqrt(np.mean(size**2)) == pytest.approx(expected, rel=0.15)
 

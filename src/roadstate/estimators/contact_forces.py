@@ -53,7 +53,7 @@ NOISY = 0.012
 _STIRRED = 0.15  # s for which what stirs up wheels and brakes goes on
 # an axle's F_y over its load up to which it is low-passed, as a share of what a rough road shakes the car by
 # both ways, and at the least; and s over which
-_BOUNCES, _STEADY, _BOUNCE_TIME = 8.0, 1e-3, 0.2
+_BOUNCES, _STEADY, _BOUNCE_TIME = 10.0, 1e-3, 0.2
 _ROUGH_TIME = 5.0  # s for which a road shakes a car that is not swiftly steered and braked instead
 _LOCKED = 3.0  # s for which it is remembered that brakes locked wheels
 _DIFFERENTIAL = 0.1  # 1σ of what a wheel gets of an engine's torque, as a share of it

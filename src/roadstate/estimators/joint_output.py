@@ -40,10 +40,10 @@ _FITTED = 2.06  # white noise's variance after a fit, times its memory
 _SWIFT = np.array([0.3, 0.6]) ** 2  # 1σ² of what accelerometer and torques change by beyond a low pass's lag
 # 1σ of these over g, as a share of what a rough road shakes the accelerometers by: tires bear more and less
 # as they bounce, and the body passes on only a part of it
-_SHAKEN = (0.7, 1.8)
+_SHAKEN = (0.88, 2.25)
 # rad √(m/s)/(m/s²): 1σ of the mean slope over a second by unevenness, whose slopes are white along the road
 # (ISO 8608), times the root of the speed, over what it shakes the accelerometers by both ways
-_UNEVEN = 0.084
+_UNEVEN = 0.105
 # s: 1σ of how late everything on the bus is, wheels and accelerometer alike, which nothing in it can tell
 _LATE = 0.01
 _CUT = 0.35  # of a speed's step: root mean square of its error's mean, be it rounded (none) or cut off (half)

@@ -7,11 +7,11 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-_MEAN_TIME = 0.05  # s: what lasts longer moves the car
+_MEAN_TIME = 0.05  # s, of each low pass: what lasts longer moves the car
 _MEMORY = 1.0  # s over which squares are averaged
 _STEADY = 60.0  # s for which a sensor's noise stays the same
 _LEAST = 1.3  # by which their mean exceeds the least of averages over a second
-_USUAL = 0.737  # share of a white noise's variance that the deviations have at 100 Hz
+_USUAL = 0.571  # share of a white noise's variance that the deviations have at 100 Hz
 _LEAST_STEP, _LONGEST_STEP = 1e-3, 0.3  # s
 _NOTHING = 1e-6  # in place of 0, at which roots have no derivative
 
@@ -19,17 +19,19 @@ _NOTHING = 1e-6  # in place of 0, at which roots have no derivative
 class Shaking(NamedTuple):
     """Of k signals, each (k,).
 
-    Unevenness shakes a body at 1 to 15 Hz, a sensor's noise is white. Of white noise of variance R, sampled
-    every Δ, the deviation from a low pass, which takes a = 1 − e^(−Δ/τ) of each sample, has variance
-    R (1 − a)² 2/(2 − a), and the difference of two samples 2R; so noise is told by the differences and taken
-    off the deviations, however large it is. Shaking makes samples differ, too, the more the rarer they come;
-    but a sensor's noise stays as it is, and where the road is smooth, or the car slow, it is all there is:
-    the least that the differences were of late counts.
+    Unevenness shakes a body at 1 to 15 Hz, a driver moves it at 1 Hz and less, if by far more: so what counts
+    is the deviation from a low pass, and of that the deviation from another. A sensor's noise is white. Of
+    white noise of variance R, sampled every Δ, low passes that keep b = e^(−Δ/τ) of what they hold leave
+    R b⁴ (6 + 2b)/(1 + b)³, and the difference of two samples has 2R; so noise is told by the differences and
+    taken off the deviations, however large it is. Shaking makes samples differ, too, the more the rarer they
+    come; but a sensor's noise stays as it is, and where the road is smooth, or the car slow, it is all there
+    is: the least that the differences were of late counts.
 
     Attributes:
         last: latest sample.
         mean: low-passed samples.
-        apart: mean square of the deviations from that, over what white noise would have of its own.
+        steady: low-passed deviations from that.
+        apart: mean square of what deviates from both, over what white noise would have of its own.
         seems: half of that of the differences.
         noise: what of both a sensor's noise is.
         heard: s of samples so far.
@@ -37,6 +39,7 @@ class Shaking(NamedTuple):
 
     last: Float[Array, " k"]
     mean: Float[Array, " k"]
+    steady: Float[Array, " k"]
     apart: Float[Array, " k"]
     seems: Float[Array, " k"]
     noise: Float[Array, " k"]
@@ -63,11 +66,13 @@ class Shaking(NamedTuple):
             since: s since the last one.
         """
         since = jnp.clip(since, _LEAST_STEP, _LONGEST_STEP)
-        share = -jnp.expm1(-since / _MEAN_TIME)
-        mean = self.mean + jnp.where(is_fresh, jnp.where(first, 1.0, share) * (value - self.mean), 0.0)
+        keeps = jnp.exp(-since / _MEAN_TIME)
+        share = jnp.where(is_fresh, jnp.where(first, 1.0, 1 - keeps), 0.0)
+        mean = self.mean + share * (value - self.mean)
+        steady = self.steady + share * (value - mean - self.steady)
         counts = is_fresh & ~first
         heard = self.heard + jnp.where(counts, since, 0.0)
-        passes = (1 - share) ** 2 * 2 / (2 - share)
+        passes = keeps**4 * (6 + 2 * keeps) / (1 + keeps) ** 3
         span = jnp.where(counts, since, 0.0)
         pace = span / jnp.clip(heard, since, _MEMORY)
         seems = self.seems + pace * (0.5 * (value - self.last) ** 2 - self.seems)
@@ -75,7 +80,8 @@ class Shaking(NamedTuple):
         return Shaking(
             last=jnp.where(is_fresh, value, self.last),
             mean=mean,
-            apart=self.apart + pace * ((value - mean) ** 2 / passes - self.apart),
+            steady=steady,
+            apart=self.apart + pace * ((value - mean - steady) ** 2 / passes - self.apart),
             seems=seems,
             noise=jnp.where(heard < _MEMORY, seems, jnp.minimum(seems, grown)),
             heard=heard,

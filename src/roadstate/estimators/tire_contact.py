@@ -31,7 +31,7 @@ _SWAY_ARM = 0.85  # of the centre of gravity over the axis that the body rolls a
 _LAG_ERROR = 0.015  # s: 1σ of that lag
 # 1σ of forces along and across, low-passed, over g and load, as a share of the lesser of what a rough road
 # shakes the accelerometers by both ways: tires bear more and less as they bounce
-_SHAKEN = (1.05, 3.3)
+_SHAKEN = (1.3, 4.1)
 
 
 class ContactState(NamedTuple):

@@ -29,7 +29,7 @@ _SHIFTED = 0.1  # 1σ of the load that shifts from wheel to wheel, as a share of
 _UNSEEN = 0.3  # 1σ of what a bend that nothing tells of shifts, as a share of a wheel's load at rest
 # 1σ of a wheel's forces along and across and of its load over its load at rest, as multiples of what a rough
 # road shakes the accelerometers by over g
-_SHAKEN = (0.5, 1.5, 15.0)
+_SHAKEN = (0.63, 1.9, 19.0)
 
 
 class WheelForces(NamedTuple):
