@@ -47,6 +47,7 @@ _UNEVEN = 0.105
 # s: 1σ of how late everything on the bus is, wheels and accelerometer alike, which nothing in it can tell
 _LATE = 0.01
 _CUT = 0.35  # of a speed's step: root mean square of its error's mean, be it rounded (none) or cut off (half)
+_DIRECTED = 0.05  # force over load from which on it has a direction, however the road shakes it
 _DRIFTS = 0.02  # 1σ of v̇_y over g
 
 
@@ -133,13 +134,13 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
     misread_std = rss(side_std[BIAS_Y], side_std[LEVER] * forces.now.yaw_accel) / GRAVITY * axles
     lasting = jnp.stack([jnp.sum(straight_std), jnp.sum(misread_std)])
     across, aside = _across(joint, state, jnp.sum(lateral))
-    used, used_std = _used(forces, straight, across, leads, lasting)
+    shaken = jnp.asarray(_SHAKEN, axles.dtype) * forces.shaken / GRAVITY
+    used, used_std = _used(forces, straight, across, leads, lasting, shaken)
     tell("friction_used", used, rss(used_std, 0.1 * jnp.minimum(state.signals.age[ACCEL_X], 10.0), aside))
     if joint.knows_sides:
         tell("velocity_y", side[V_Y], side_std[V_Y])
         bank = jnp.arcsin(jnp.clip(side[BANK] / GRAVITY, -0.99, 0.99))
         tell("bank", bank, side_std[BANK] / (GRAVITY * jnp.cos(bank)))
-    shaken = jnp.asarray(_SHAKEN, axles.dtype) * forces.shaken / GRAVITY
     along = scale * straight
     rolls = _ROLLS[0] * (mean[SPEED] / _ROLLS[1]) ** 4 * axles
     rough = rss(_ROUGH[0] * axles, shaken[0] * axles, _SHARED * straight, straight_std, rolls)
@@ -235,11 +236,22 @@ def _across(joint: Joint, state: JointState, felt: Array) -> tuple[Array, Array]
 
 
 def _used(
-    forces: AxleForces, along: Array, across: Array, leads: Array, lasting: Array
+    forces: AxleForces, along: Array, across: Array, leads: Array, lasting: Array, shaken: Array
 ) -> tuple[Array, Array]:
-    """Friction used by the whole car, and 1σ; ``lasting`` (2,) 1σ of what the forces err by for long, N."""
-    straight = jnp.sum(along)
+    """Friction used by the whole car, and 1σ.
+
+    Args:
+        forces: of the axles.
+        along: (2,) F_x of the axles, N.
+        across: F_y of the car, N.
+        leads, lasting: 1σ of what forces err by as they change, and for long, N.
+        shaken: (2,) 1σ along and across, over its load, of what a rough road does to an axle's force.
+    """
     load = jnp.sum(forces.load)
-    used = rss(straight, across) / load
+    parts = jnp.stack([jnp.sum(along), across]) / load
+    used = rss(*parts)
     unsure = root(jnp.sum(leads**2) + jnp.sum(lasting**2)) / load
-    return used, jnp.sqrt(0.0025**2 + (0.02 * used) ** 2 + unsure**2)
+    # each axle by itself, and but what points where the force does
+    heads = (parts**2 + _DIRECTED**2) / (used**2 + _DIRECTED**2)
+    rough = 0.5 * jnp.sum(heads * shaken**2)
+    return used, jnp.sqrt(0.0025**2 + (0.02 * used) ** 2 + unsure**2 + rough)
