@@ -10,6 +10,7 @@ import pytest
 from roadstate.core import WHEELS, Estimates, Log
 from roadstate.core.quantities import reference
 from roadstate.estimators import build
+from roadstate.estimators.axle_forces import AxleForces
 from roadstate.estimators.contact_forces import ForceMeter
 from roadstate.estimators.wheel_forces import Known, WheelForces, WheelSharing
 from roadstate.papers.base import MISMATCHED
@@ -26,6 +27,12 @@ MIRRORED = [1, 0, 3, 2]
 SATELLITE = {"speed", "altitude", "vertical_speed", "latitude", "longitude"}
 
 
+def loaded(vehicle: Vehicle, load: list[float]) -> AxleForces:
+    """What is known before the first sample, of wheels that bear so much."""
+    forces = ForceMeter(vehicle, ["accel_x"]).nothing()
+    return forces._replace(now=forces.now._replace(load=jnp.asarray(load)))
+
+
 def shared(
     vehicle: Vehicle,
     along: list[float],
@@ -35,8 +42,7 @@ def shared(
     axles: tuple[float, float] | None = None,
     friction: float = 0.9,
 ) -> WheelForces:
-    forces = ForceMeter(vehicle, ["accel_x"]).nothing()
-    forces = forces._replace(along=jnp.asarray(along), load=jnp.asarray(load), along_std=jnp.zeros(4))
+    forces = loaded(vehicle, load)._replace(along=jnp.asarray(along), along_std=jnp.zeros(4))
     by_torque = np.asarray(along).reshape(2, 2).sum(axis=1)
     known = Known(
         along=jnp.asarray(by_torque if axles is None else axles),
@@ -93,8 +99,7 @@ def test_wheels_at_the_same_slip_angle_push_as_a_magic_formula_tire_does(
 @pytest.mark.parametrize("name", ["along_std", "across_std", "load_std"])
 def test_a_rough_road_and_standing_brakes_are_in_the_uncertainty(vehicle: Vehicle, name: str) -> None:
     sharing = WheelSharing.of(vehicle)
-    calm = ForceMeter(vehicle, ["accel_x"]).nothing()
-    calm = calm._replace(load=jnp.full(4, 3500.0), along_std=jnp.zeros(4))
+    calm = loaded(vehicle, [3500.0] * 4)._replace(along_std=jnp.zeros(4))
     two, one = jnp.zeros(2), jnp.ones(())
     known = Known(two, two, two, two, two + 0.9, one, 0.0 * one, 20.0 * one)
     usual = getattr(sharing.share(calm, known), name)
@@ -110,9 +115,7 @@ def test_a_rough_road_and_standing_brakes_are_in_the_uncertainty(vehicle: Vehicl
 
 def test_nothing_shakes_wheels_but_their_own_jolts(vehicle: Vehicle) -> None:
     sharing, two, one = WheelSharing.of(vehicle), jnp.zeros(2), jnp.ones(())
-    calm = (
-        ForceMeter(vehicle, ["accel_x"]).nothing()._replace(load=jnp.full(4, 3500.0), along_std=jnp.zeros(4))
-    )
+    calm = loaded(vehicle, [3500.0] * 4)._replace(along_std=jnp.zeros(4))
     known = Known(two, two, two, two, two + 0.9, one, 0.0 * one, 20.0 * one)
     usual = sharing.share(calm, known).along_std
     jolted = sharing.share(calm._replace(jolt=jnp.asarray([600.0, 0.0, 0.0, 0.0])), known).along_std
@@ -154,7 +157,7 @@ def test_wheels_of_a_car_on_the_plant(
 
 def test_a_bend_that_nothing_tells_of_may_shift_the_load(vehicle: Vehicle) -> None:
     sharing, two, one = WheelSharing.of(vehicle), jnp.zeros(2), jnp.ones(())
-    calm = ForceMeter(vehicle, ["accel_x"]).nothing()._replace(load=jnp.full(4, 3500.0))
+    calm = loaded(vehicle, [3500.0] * 4)
     known = Known(two, two, two, two, two + 0.9, one, 0.0 * one, 20.0 * one)
     told = sharing.share(calm._replace(across_std=two), known).load_std
     assert (sharing.share(calm, known).load_std > 5 * told).all()

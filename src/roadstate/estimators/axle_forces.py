@@ -23,12 +23,14 @@ class Current(NamedTuple):
         along: (2,) F_x of the axles, in their wheels' frames, N.
         told: (2,) the same as torques alone tell it, N.
         across: (2,) F_y of the axles, N.
+        load: (4,) of the wheels, N.
         yaw_accel: rad/s².
     """
 
     along: Float[Array, " 2"]
     told: Float[Array, " 2"]
     across: Float[Array, " 2"]
+    load: Float[Array, " 4"]
     yaw_accel: Float[Array, ""]
 
 

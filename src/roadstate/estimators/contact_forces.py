@@ -25,7 +25,7 @@ from roadstate.estimators.intake import (
     YAW_RATE,
     Signals,
 )
-from roadstate.estimators.load_transfer import Lean
+from roadstate.estimators.load_transfer import Lean, LoadShift
 from roadstate.estimators.signals import NEVER, STANDSTILL_SPEED, Held, way
 from roadstate.estimators.traction import LEAST_BRAKING, UNKNOWN, Traction, TractionMeter, TractionState
 from roadstate.estimators.unseen_brakes import BrakeWatch
@@ -108,6 +108,7 @@ class ForceMeter(eqx.Module):
     _tells_all: bool = eqx.field(static=True)
     balance: ForceBalance
     _traction: TractionMeter | None
+    _shift: LoadShift
     _pitching: Float[Array, ""]
 
     def __init__(self, vehicle: Vehicle, available: Collection[str]) -> None:
@@ -121,6 +122,7 @@ class ForceMeter(eqx.Module):
             self.knows_brakes, self.channels = self._traction.knows_brakes, self._traction.channels
         self._tells_all = self.torque_of is not None and all(f"brake_torque_{w}" in available for w in WHEELS)
         self.balance = ForceBalance(vehicle)
+        self._shift = LoadShift.of(vehicle, self.balance.car)
         self._pitching = leaf(GRAVITY * vehicle.body.pitch_gradient)
 
     def init(self) -> ForceMeterState:
@@ -145,8 +147,8 @@ class ForceMeter(eqx.Module):
     def nothing(self) -> AxleForces:
         """What is known before the first sample."""
         zero, two, four = jnp.zeros(()), jnp.zeros(2), jnp.zeros(4)
-        now, still, no = Current(two, two, two, zero), jnp.zeros((2, 2)), jnp.zeros((), bool)
-        load = self.balance.car.wheel_loads(zero, zero)
+        load = self._shift.loads(zero, zero)
+        now, still, no = Current(two, two, two, load, zero), jnp.zeros((2, 2)), jnp.zeros((), bool)
         return AxleForces(
             four, two, load, four, four, now, still, four, zero, two, four + jnp.inf, two + jnp.inf, two,
             Lean.upright(), zero, zero, zero, zero, zero, zero, zero, zero + 1.0, zero, zero, zero + NEVER,
@@ -184,7 +186,7 @@ class ForceMeter(eqx.Module):
         apart = apart - jnp.expm1(-dt / _LATELY) * (accel[0] - cause - apart)
         sure = self._tells_all & (state.age < STALE) & (intensity < CALM) & (jnp.abs(apart) < _APART)
         lean = state.lean.after(jnp.where(sure, cause, accel[0]), dt)
-        load = car.wheel_loads(lean.transferred(), accel[1])
+        load = self._shift.loads(lean.transferred(), accel[1])
         drag = car.drag(speed) / mass
         direction = jnp.tanh(speed / STANDSTILL_SPEED)
         most = LARGEST * mass * GRAVITY * radius
@@ -192,7 +194,8 @@ class ForceMeter(eqx.Module):
         fresh = jnp.concatenate([pulling, jnp.minimum(drive.brake_torque, most) * direction])
         new = jnp.where(state.age < STALE, -jnp.expm1(-dt / SMOOTHING), 1.0)
         torque = state.torque + new * (fresh - state.torque)
-        sharp = self._freed(signals.now, lean.ahead(SMOOTHING)) - accel_error
+        leans = lean.ahead(SMOOTHING)
+        sharp = self._freed(signals.now, leans) - accel_error
         held = Held(sharp[0], signals.age[ACCEL_X])
         push = jnp.sum(pulling) / (radius * mass)
         angle, forward = jnp.clip(signals.smooth[STEER], -0.9, 0.9), way(speed)
@@ -240,7 +243,8 @@ class ForceMeter(eqx.Module):
         share = jnp.stack([new, new, -jnp.expm1(-dt / _BOUNCE_TIME)])
         calm = state.calm + share[:, None] * (current - state.calm)
         swift = calm + damped(current - calm, noise[:, None] * axles)
-        now = Current(swift[0], swift[1], swift[2], signals.now_rate[YAW_RATE])
+        bears = self._shift.loads(leans.transferred(), sharp[1])
+        now = Current(swift[0], swift[1], swift[2], bears, signals.now_rate[YAW_RATE])
         ahead = jnp.abs(jnp.stack([current[0] - by_axle(slow.along), fast.across - slow.across]))
         calms = jnp.exp(-dt / _STIRRED)
         stir = jnp.maximum(ahead, state.stir * calms)

@@ -13,6 +13,7 @@ from roadstate.core.constants import GRAVITY
 from roadstate.estimators.axle_forces import AxleForces, by_axle, steered_cosines
 from roadstate.estimators.base import leaf
 from roadstate.estimators.intake import ACCEL_Y, SMOOTHING, SPIN, STALE, STEER, YAW_RATE, Signals
+from roadstate.estimators.load_transfer import SWAY_ARM
 from roadstate.estimators.sideways import SLIP_ERROR, Touch
 from roadstate.estimators.wheel_rims import WHEEL_DELAY
 from roadstate.linalg import root, rss
@@ -27,7 +28,6 @@ _SENSED = 0.005  # s by which a signal is older than when it comes
 _USUAL = 0.0997  # variance that the low pass leaves of samples at 100 Hz, which other figures include
 _TEETH = 0.2  # rad/s: 1σ of a wheel's sample by teeth out of place
 _YIELDS = 0.01  # s: lag of the force behind the angle that suspension and steering add to the tire's
-_SWAY_ARM = 0.85  # of the centre of gravity over the axis that the body rolls about, over its height
 _LAG_ERROR = 0.015  # s: 1σ of that lag
 # 1σ of forces along and across, low-passed, over g and load, as a share of the lesser of what a rough road
 # shakes the accelerometers by both ways: tires bear more and less as they bounce
@@ -77,7 +77,7 @@ class TireContact(eqx.Module):
         self.noise = leaf(vehicle.wheels.radius * vehicle.sensors.wheel_speed.noise)
         self.relaxation = leaf(vehicle.tires.relaxation_length)
         self.places = jnp.asarray([geometry.cg_to_front_axle, -geometry.cg_to_rear_axle])
-        self.sway = leaf(_SWAY_ARM * geometry.cg_height * vehicle.body.roll_gradient)
+        self.sway = leaf(SWAY_ARM * geometry.cg_height * vehicle.body.roll_gradient)
         self.half_track = jnp.asarray(np.array(geometry.half_tracks))
 
     def init(self) -> ContactState:

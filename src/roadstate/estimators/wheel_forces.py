@@ -12,7 +12,7 @@ from roadstate.core.constants import GRAVITY
 from roadstate.estimators.axle_forces import LEAST_FORCE, AxleForces, by_axle, parked
 from roadstate.estimators.base import leaf
 from roadstate.estimators.contact_forces import NOISY
-from roadstate.linalg import rss
+from roadstate.linalg import root, rss
 
 if TYPE_CHECKING:
     from roadstate.vehicles import Vehicle
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 _PADS = 0.05  # 1σ of a brake's torque that no other wheel has in common with it, as a share of it
 # power of the load with which the tires of an axle share a lateral force: at small angles, as their
 # stiffnesses do; and what the limit adds to it
-_STIFFNESS, _LIMIT = 0.6, 0.3
+_STIFFNESS, _LIMIT = 0.5, 0.4
 _POWER_ERROR = 0.2  # 1σ of it once an axle uses all its friction: how close it comes to that is not known
 # 1σ of a wheel's force along and across that nothing tells, as a share of its load: camber, toe, steering
 _OWN = (0.004, 0.012)
@@ -28,8 +28,8 @@ _STANDING = 0.02  # 1σ of the share of the weight that a wheel of a car at rest
 _SHIFTED = 0.1  # 1σ of the load that shifts from wheel to wheel, as a share of it
 _UNSEEN = 0.3  # 1σ of what a bend that nothing tells of shifts, as a share of a wheel's load at rest
 # 1σ of a wheel's forces along and across and of its load over its load at rest, as multiples of what a rough
-# road shakes the accelerometers by over g
-_SHAKEN = (0.63, 1.9, 19.0)
+# road shakes the accelerometers by over g: both ways, across, and in the geometric mean
+_SHAKEN = (0.63, 1.5, 15.0)
 
 
 class WheelForces(NamedTuple):
@@ -90,10 +90,12 @@ class WheelSharing(eqx.Module):
 
     def share(self, forces: AxleForces, known: Known) -> WheelForces:
         """Of forces on a car of the file's mass, and what is known of the axles beyond them."""
-        load = jnp.maximum(forces.load, 1.0)
+        load = jnp.maximum(forces.now.load, 1.0)
         held = parked(load, known.speed, forces.locking)
         calm = _twice(by_axle(load)) / 2
-        shaken = jnp.asarray(_SHAKEN, load.dtype)[:, None] * jnp.min(forces.shaken) / GRAVITY * calm
+        ahead, aside = forces.shaken
+        shakes = jnp.stack([jnp.minimum(ahead, aside), aside, root(ahead * aside)])
+        shaken = (jnp.asarray(_SHAKEN, load.dtype) * shakes / GRAVITY)[:, None] * calm
         torques = known.mass * forces.along
         part = _part(jnp.abs(torques) + LEAST_FORCE)
         along = torques + part * _twice(known.along - by_axle(torques))
@@ -126,7 +128,7 @@ class WheelSharing(eqx.Module):
         unseen = _twice(jnp.where(jnp.isfinite(forces.across_std), 0.0, _UNSEEN)) * calm
         load_std = rss(known.mass_std * load, _STANDING * calm, _SHIFTED * (load - calm), unseen, shaken[2])
         across = part * _twice(known.across)
-        return WheelForces(along, along_std, across, across_std, known.mass * forces.load, load_std)
+        return WheelForces(along, along_std, across, across_std, known.mass * forces.now.load, load_std)
 
 
 def _twice(axles: Float[Array, " 2"]) -> Float[Array, " 4"]:
