@@ -12,7 +12,7 @@ from roadstate.core.quantities import reference
 from roadstate.estimators import build
 from roadstate.estimators.contact_forces import ForceMeter
 from roadstate.estimators.intake import ACCEL_Y, SPIN, STEER, YAW_RATE, Signals
-from roadstate.estimators.redundancy import TELLINGS, Redundancy, Tellings
+from roadstate.estimators.redundancy import TELLINGS, Redundancy, Slide, Tellings
 from roadstate.estimators.signals import Held
 from roadstate.papers.base import MISMATCHED
 from roadstate.papers.plants import told
@@ -94,6 +94,7 @@ def tellings(
     aside: float,
     steered: float,
     slides: float = 0.0,
+    swept: float = 0.0,
     velocity_y: float = 0.0,
 ) -> Tellings:
     """Of sensors at 20 m/s that lead to yaw rates (rad/s) of so much."""
@@ -111,8 +112,9 @@ def tellings(
         now_rate=zero, shaken=jnp.zeros(2), is_faulty=jnp.zeros(8, bool),
     )  # fmt: skip
     four, one = jnp.zeros(4), jnp.zeros(())
+    slide = Slide.none()._replace(lasts=jnp.asarray(slides), swept=jnp.asarray(swept))
     return eqx.filter_jit(redundancy.tell)(
-        seen, ForceMeter(vehicle, channels).nothing(), Held.empty(), one, four, four, jnp.asarray(slides),
+        seen, ForceMeter(vehicle, channels).nothing(), Held.empty(), one, four, four, slide,
         jnp.asarray(SPEED), jnp.asarray(velocity_y), jnp.asarray(0.01),
     )  # fmt: skip
 
@@ -123,7 +125,7 @@ def speaks(found: Tellings, name: str) -> bool:
 
 def test_a_spin_silences_what_it_contradicts(vehicle: Vehicle) -> None:
     found = tellings(vehicle, turns=0.45, pairs=0.43, aside=0.24, steered=-0.1)
-    assert float(found.slides) > 0
+    assert float(found.slide.lasts) > 0
     assert not any(speaks(found, name) for name in ("accel_y", "steer", "wheels_accel"))
     assert all(speaks(found, name) for name in ("yaw_rate", "front_pair", "rear_pair"))
     assert not bool(found.answers[TELLINGS.index("yaw_rate")])
@@ -134,7 +136,7 @@ def test_a_spin_silences_what_it_contradicts(vehicle: Vehicle) -> None:
 )
 def test_one_that_lies_is_no_spin(vehicle: Vehicle, lies: dict[str, float]) -> None:
     found = tellings(vehicle, **{"turns": 0.4, "pairs": 0.4, "aside": 0.4, "steered": 0.4} | lies)
-    assert float(found.slides) == 0
+    assert float(found.slide.lasts) == 0
     assert all(speaks(found, name) for name in ("yaw_rate", "accel_y", "steer"))
 
 
@@ -143,14 +145,15 @@ def test_a_driver_who_steers_against_a_slide(vehicle: Vehicle) -> None:
     against = {"turns": 0.28, "pairs": 0.3, "aside": 0.2, "steered": -0.2}
     grips = tellings(vehicle, **against, velocity_y=-0.5)
     assert speaks(grips, "steer")
-    slides = tellings(vehicle, **against, velocity_y=-2.5)
+    slides = tellings(vehicle, **against, velocity_y=-2.5, swept=-1.5)
     assert not speaks(slides, "steer")
+    assert speaks(tellings(vehicle, **against, velocity_y=-2.5), "steer")  # which has never moved aside
     assert all(speaks(slides, name) for name in ("yaw_rate", "accel_y", "front_pair", "rear_pair"))
 
 
 def test_a_spin_is_over_after_a_while(vehicle: Vehicle) -> None:
     usual = {"turns": 0.1, "pairs": 0.1, "aside": 0.1, "steered": 0.1}
-    left = float(tellings(vehicle, **usual, slides=1.0).slides)
+    left = float(tellings(vehicle, **usual, slides=1.0).slide.lasts)
     assert left == pytest.approx(0.99)
     assert not speaks(tellings(vehicle, **usual, slides=1.0), "steer")
     assert speaks(tellings(vehicle, **usual, slides=0.005), "steer")

@@ -249,7 +249,7 @@ class Joint(Estimator[JointState]):
         watch = once(self.watch.look(state.watch, sample, x[SPEED], dt))
         sample = self.watch.without_frozen(watch, sample)
         held, raw = self.signals.read(state.signals, sample, x[SPEED], dt)
-        verdict, slides = self.trust.verdict(state.trust), state.trust.slides > 0
+        verdict, slides = self.trust.verdict(state.trust), state.trust.slide.lasts > 0
         direction, raw, way = self.direction.turn(
             state.direction, raw, sample, held.gear, state.along.gaussian, verdict.sign(ACCEL_X), dt
         )

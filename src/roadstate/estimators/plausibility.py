@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float
 from roadstate.core.kernel import once
 from roadstate.estimators.axle_forces import AxleForces
 from roadstate.estimators.intake import ACCEL_X, ACCEL_Y, SPIN, STALE, STEER, YAW_RATE, Signals
-from roadstate.estimators.redundancy import DELAY, GROUP, TELLINGS, Redundancy, inner_mean
+from roadstate.estimators.redundancy import DELAY, GROUP, TELLINGS, Redundancy, Slide, inner_mean
 from roadstate.estimators.signals import Held
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ class PlausibilityState(NamedTuple):
         reference: (13,) what the others say.
         effort: (4,) m/s², how hard drive and brakes have acted of late.
         excused: (4,) s for which each wheel may go on spinning or locked.
-        slides: s for which the car may go on sliding sideways.
+        slide: how far the car goes aside.
         speed: the speed signal.
     """
 
@@ -80,7 +80,7 @@ class PlausibilityState(NamedTuple):
     reference: Float[Array, " 13"]
     effort: Float[Array, " 4"]
     excused: Float[Array, " 4"]
-    slides: Float[Array, ""]
+    slide: Slide
     speed: Held
 
 
@@ -127,7 +127,9 @@ class Plausibility(eqx.Module):
         none = jnp.zeros(_COUNT)
         zero = jnp.zeros(())
         evidence, never, four = jnp.zeros((4, _COUNT)), none > 0, jnp.zeros(4)
-        return PlausibilityState(none, none, zero, evidence, never, none, four, four, zero, Held.empty())
+        return PlausibilityState(
+            none, none, zero, evidence, never, none, four, four, Slide.none(), Held.empty()
+        )
 
     def fault_names(self, named: Sequence[str | None]) -> tuple[str, ...]:
         """What :meth:`faults` tells of, as sentences.
@@ -225,7 +227,7 @@ class Plausibility(eqx.Module):
         effort = jnp.maximum(state.effort * jnp.exp(-dt / _AFTERWARDS), self.redundancy.effort(seen, forces))
         excused = self.redundancy.excused(state.excused, seen, forces, effort, speed, dt)
         motion = speed, velocity_y
-        told = self.redundancy.tell(seen, forces, held, rate, effort, excused, state.slides, *motion, dt)
+        told = self.redundancy.tell(seen, forces, held, rate, effort, excused, state.slide, *motion, dt)
         value, std = once((told.value, told.std))
         there = jnp.isfinite(std)
         since = jnp.where(there, state.since + dt, 0.0)
@@ -269,5 +271,5 @@ class Plausibility(eqx.Module):
         raised = jnp.clip(state.evidence + evidence, least, most)
         proven = state.proven | (jnp.min(raised[:2], axis=0) < -_SWAPPED)
         return PlausibilityState(
-            since, smooth, slope, raised, proven, reference, effort, excused, told.slides, held
+            since, smooth, slope, raised, proven, reference, effort, excused, told.slide, held
         )

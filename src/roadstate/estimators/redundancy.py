@@ -46,6 +46,9 @@ _SLIDES = (2.0, 2.0)
 # rad of slip at the rear axle from which on a car may be steered against its turn; rad/s, and share of the
 # yaw rate, within which wheels' differences confirm it meanwhile
 _DRIFTS = (0.1, 0.05, 0.2)
+# share of that slip that the car must have moved aside by first, as accelerometer and gyroscope have it, and s
+# for which that is remembered
+_SWEPT = (0.5, 2.0)
 _WHEEL = (0.15, 0.01)  # m/s; share of the speed
 _HELD = 0.08  # torque over load that any road holds: a wheel under more may spin or lock
 _ROLLS = (2.0, 0.15)  # m/s, and share of the speed, by which a wheel that rolls may differ from it
@@ -55,6 +58,25 @@ _SUSTAINS = 0.04  # torque over load that keeps a wheel in such a spin: one that
 _SPEED = (0.4, 0.02)  # m/s, and share
 
 
+class Slide(NamedTuple):
+    """Of a car that goes aside.
+
+    Attributes:
+        lasts: s for which it may still slide so far that steering and lateral acceleration say nothing.
+        swept: m/s, of late moved aside, by lateral acceleration and yaw rate.
+        drifts: whether its rear axle slides, and it may be steered against its turn.
+    """
+
+    lasts: Float[Array, ""]
+    swept: Float[Array, ""]
+    drifts: Bool[Array, ""]
+
+    @classmethod
+    def none(cls) -> Slide:
+        """It goes where it is steered."""
+        return cls(jnp.zeros(()), jnp.zeros(()), jnp.zeros((), bool))
+
+
 class Tellings(NamedTuple):
     """What each of :data:`TELLINGS` says.
 
@@ -62,13 +84,13 @@ class Tellings(NamedTuple):
         value: (13,) specific force in m/s², yaw rate in rad/s, speed in m/s.
         std: (13,) 1σ, infinite where it says nothing.
         answers: (13,) whether it must say so if its sensors are sound.
-        slides: s for which the car may still slide sideways.
+        slide: how far the car goes aside.
     """
 
     value: Float[Array, " 13"]
     std: Float[Array, " 13"]
     answers: Bool[Array, " 13"]
-    slides: Float[Array, ""]
+    slide: Slide
 
 
 def inner_mean(values: Float[Array, "... k"], present: Bool[Array, "... k"]) -> tuple[Array, Array, Array]:
@@ -113,6 +135,8 @@ class Redundancy(eqx.Module):
     small.
 
     Nor does steering where the rear axle slides already, by what the tires tell: a driver steers against it.
+    But tires tell of a slide as well where it is the steering that lies; then the car has never begun to move
+    aside, v̇_y = a_y − v r.
 
     Speed, each wheel R ω cos δ ± r T/2 against the others and a speed signal. A wheel under a torque that
     some road would not hold may spin or lock, which is no fault of its sensor, and then has not to answer for
@@ -201,7 +225,7 @@ class Redundancy(eqx.Module):
         signal_rate: Float[Array, ""],
         effort: Float[Array, " 4"],
         excused: Float[Array, " 4"],
-        slides: Float[Array, ""],
+        slide: Slide,
         speed: Float[Array, ""],
         velocity_y: Float[Array, ""],
         dt: Float[Array, ""],
@@ -215,7 +239,7 @@ class Redundancy(eqx.Module):
             signal_rate: its rate, m/s².
             effort: (4,) m/s², of late the most of :meth:`effort`.
             excused: (4,) s, of :meth:`excused`.
-            slides: of the sample before, 0 at the first.
+            slide: of the sample before.
             speed: the estimate so far, m/s.
             velocity_y: likewise.
             dt: s.
@@ -272,17 +296,20 @@ class Redundancy(eqx.Module):
         apart = jnp.abs(turns - turning[2][:, None])
         apart = jnp.min(jnp.where(jnp.append(True, paired), apart, jnp.inf)) * jnp.abs(safe)
         spins = both & known[YAW_RATE] & jnp.any(paired) & (apart > _SLIDES[0]) & moves
-        slides = jnp.where(spins, _SLIDES[1], jnp.maximum(slides - dt, 0.0))
+        lasts = jnp.where(spins, _SLIDES[1], jnp.maximum(slide.lasts - dt, 0.0))
         rear = jnp.stack([velocity_y, velocity_y - self.rear * smooth[YAW_RATE]])
         drifts = jnp.all(jnp.abs(rear) > _DRIFTS[0] * jnp.abs(speed))
+        aside = jnp.where(known[ACCEL_Y] & known[YAW_RATE], smooth[ACCEL_Y] - speed * smooth[YAW_RATE], 0.0)
+        swept = slide.swept * jnp.exp(-dt / _SWEPT[1]) + aside * dt
+        begins = swept * jnp.sign(velocity_y) > _SWEPT[0] * _DRIFTS[0] * jnp.abs(speed)
         # not as a gyroscope alone has it that lies
         alike = jnp.abs(pair - smooth[YAW_RATE]) < _DRIFTS[1] + _DRIFTS[2] * jnp.abs(smooth[YAW_RATE])
-        drifts = drifts & jnp.any(alike & paired)
-        held = jnp.stack([known[ACCEL_Y], known[STEER] & ~drifts]) & (slides <= 0)
+        drifts = drifts & (begins | slide.drifts) & jnp.any(alike & paired)
+        held = jnp.stack([known[ACCEL_Y], known[STEER] & ~drifts]) & (lasts <= 0)
         turning_known = [known[YAW_RATE][None], paired, held]
         along_known = [
             known[ACCEL_X] & moves,
-            has_accel & moves & (slides <= 0),  # it moves aside, which turns forward
+            has_accel & moves & (lasts <= 0),  # it moves aside, which turns forward
             (forces.age < STALE) & (~forces.is_brake_unknown) & moves,
         ]
         # the speed
@@ -310,5 +337,5 @@ class Redundancy(eqx.Module):
         steers = jnp.all(excused[:2] <= 0)
         answers = others.at[wheels_at].set(free).at[TELLINGS.index("steer")].set(steers)
         # only wheels that slip sideways contradict it then
-        answers = answers.at[TELLINGS.index("yaw_rate")].set(slides <= 0)
-        return Tellings(value, std, answers, slides)
+        answers = answers.at[TELLINGS.index("yaw_rate")].set(lasts <= 0)
+        return Tellings(value, std, answers, Slide(lasts, swept, drifts))
