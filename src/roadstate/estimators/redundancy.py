@@ -46,8 +46,8 @@ _SLIDES = (2.0, 2.0)
 # rad of slip at the rear axle from which on a car may be steered against its turn; rad/s, and share of the
 # yaw rate, within which wheels' differences confirm it meanwhile
 _DRIFTS = (0.1, 0.05, 0.2)
-# share of that slip that the car must have moved aside by first, as accelerometer and gyroscope have it, and s
-# for which that is remembered
+# share of that slip by which the car must have moved aside first, as accelerometer and gyroscope have it; and
+# s for which that is remembered
 _SWEPT = (0.5, 2.0)
 _WHEEL = (0.15, 0.01)  # m/s; share of the speed
 _HELD = 0.08  # torque over load that any road holds: a wheel under more may spin or lock
