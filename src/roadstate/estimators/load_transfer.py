@@ -17,9 +17,7 @@ if TYPE_CHECKING:
 
 SWAY_ARM = 0.85
 """Of the centre of gravity over the axis that the body rolls about, over its height."""
-_FRONT_MORE = (
-    0.03  # by which the front axle's share of the roll moment exceeds that of the weight: understeer
-)
+_FRONT_MORE = 0.03  # by which the front axle's share of the roll moment exceeds that of the weight
 _FREQUENCY = 1.5  # Hz: at which the body of a car pitches
 _DAMPING = 0.35  # of it, as a share of the critical one
 _LASTS = 0.5  # s for which an acceleration lasts that is none of a rough road's
