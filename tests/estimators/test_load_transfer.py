@@ -1,4 +1,4 @@
-"""A body that leans as the car accelerates and turns."""
+"""A body that comes to pitch as the car accelerates."""
 
 from __future__ import annotations
 
@@ -8,13 +8,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from roadstate.core import WHEELS
 from roadstate.core.constants import GRAVITY
-from roadstate.estimators.load_transfer import Lean, LoadShift
-from roadstate.sim.manoeuvres import KMH, manoeuvre
-from roadstate.sim.plant import multibody_plant
-from roadstate.sim.run import drive, truth_table
-from roadstate.vehicles import SevenDofForces, Vehicle, load_vehicle
+from roadstate.estimators.load_transfer import Lean
 
 
 def followed(accel: np.ndarray, dt: float) -> np.ndarray:
@@ -72,41 +67,3 @@ def test_an_accelerometer_is_freed_of_the_pitch_there_is() -> None:
     share = jnp.asarray(GRAVITY * gradient)
     reading = force + GRAVITY * gradient * -4.0
     assert float(lean.freed(jnp.asarray(reading) / (1 + share), share)) == pytest.approx(force)
-
-
-def moment(vehicle: Vehicle, load: np.ndarray) -> np.ndarray:
-    """(…, 2) what loads (…, 4) roll each axle by, to the right, N·m."""
-    tracks = np.array([vehicle.geometry.track_front, vehicle.geometry.track_rear])
-    return 0.5 * tracks * (load[..., 1::2] - load[..., 0::2])
-
-
-@pytest.mark.parametrize("lean", [0.0, 0.01])
-def test_a_body_that_rolls_outward_shifts_more(vehicle: Vehicle, lean: float) -> None:
-    """m a h of forces, and m g times how far the centre of gravity has moved aside."""
-    car = vehicle.model_copy(update={"body": vehicle.body.model_copy(update={"roll_gradient": lean})})
-    shift = LoadShift.of(car, SevenDofForces.from_vehicle(car))
-    load = np.asarray(shift.loads(jnp.asarray(0.0), jnp.asarray(5.0)))
-    height = vehicle.geometry.cg_height
-    aside = lean * 5.0 * 0.85 * height
-    assert load.sum() == pytest.approx(vehicle.mass * GRAVITY)
-    assert moment(vehicle, load).sum() == pytest.approx(vehicle.mass * (5.0 * height + GRAVITY * aside))
-
-
-@pytest.mark.parametrize("name", ["suv", "in-wheel-ev"])
-def test_loads_in_a_bend_are_those_of_a_car_on_springs(name: str) -> None:
-    """Both axles' moments within 5 %, in a bend up to the limit; of a rigid body whose
-    axles share by weight the front axle's was 10 to 13 % too small."""
-    vehicle = load_vehicle(name)
-    bend = manoeuvre("constant-radius").prepare(vehicle, speed=60 * KMH, friction=0.8)
-    truth = truth_table(drive(multibody_plant(vehicle), bend, vehicle))
-    shift = LoadShift.of(vehicle, SevenDofForces.from_vehicle(vehicle))
-    # the body's own axes have leant, and a part of gravity with them
-    across = truth["accel_y"] / (1 + GRAVITY * vehicle.body.roll_gradient)
-    felt = jax.vmap(shift.loads)(jnp.asarray(truth["accel_x"]), jnp.asarray(across))
-    turns = np.abs(truth["accel_y"]) > 2.0
-    assert turns.sum() > 500
-    ours, plants = (
-        moment(vehicle, load[turns])
-        for load in (np.asarray(felt), np.stack([truth[f"ref_load_{w}"] for w in WHEELS], axis=1))
-    )
-    assert np.sum(ours, axis=0) == pytest.approx(np.sum(plants, axis=0), rel=0.05)

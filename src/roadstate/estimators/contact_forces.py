@@ -25,7 +25,7 @@ from roadstate.estimators.intake import (
     YAW_RATE,
     Signals,
 )
-from roadstate.estimators.load_transfer import Lean, LoadShift
+from roadstate.estimators.load_transfer import Lean
 from roadstate.estimators.signals import NEVER, STANDSTILL_SPEED, Held, way
 from roadstate.estimators.traction import LEAST_BRAKING, UNKNOWN, Traction, TractionMeter, TractionState
 from roadstate.estimators.unseen_brakes import BrakeWatch
@@ -108,7 +108,6 @@ class ForceMeter(eqx.Module):
     _tells_all: bool = eqx.field(static=True)
     balance: ForceBalance
     _traction: TractionMeter | None
-    _shift: LoadShift
     _pitching: Float[Array, ""]
 
     def __init__(self, vehicle: Vehicle, available: Collection[str]) -> None:
@@ -122,7 +121,6 @@ class ForceMeter(eqx.Module):
             self.knows_brakes, self.channels = self._traction.knows_brakes, self._traction.channels
         self._tells_all = self.torque_of is not None and all(f"brake_torque_{w}" in available for w in WHEELS)
         self.balance = ForceBalance(vehicle)
-        self._shift = LoadShift.of(vehicle, self.balance.car)
         self._pitching = leaf(GRAVITY * vehicle.body.pitch_gradient)
 
     def init(self) -> ForceMeterState:
@@ -147,7 +145,7 @@ class ForceMeter(eqx.Module):
     def nothing(self) -> AxleForces:
         """What is known before the first sample."""
         zero, two, four = jnp.zeros(()), jnp.zeros(2), jnp.zeros(4)
-        load = self._shift.loads(zero, zero)
+        load = self.balance.loads(zero, zero)
         now, still, no = Current(two, two, two, load, zero), jnp.zeros((2, 2)), jnp.zeros((), bool)
         return AxleForces(
             four, two, load, four, four, now, still, four, zero, two, four + jnp.inf, two + jnp.inf, two,
@@ -186,7 +184,7 @@ class ForceMeter(eqx.Module):
         apart = apart - jnp.expm1(-dt / _LATELY) * (accel[0] - cause - apart)
         sure = self._tells_all & (state.age < STALE) & (intensity < CALM) & (jnp.abs(apart) < _APART)
         lean = state.lean.after(jnp.where(sure, cause, accel[0]), dt)
-        load = self._shift.loads(lean.transferred(), accel[1])
+        load = self.balance.loads(lean.transferred(), accel[1])
         drag = car.drag(speed) / mass
         direction = jnp.tanh(speed / STANDSTILL_SPEED)
         most = LARGEST * mass * GRAVITY * radius
@@ -243,7 +241,7 @@ class ForceMeter(eqx.Module):
         share = jnp.stack([new, new, -jnp.expm1(-dt / _BOUNCE_TIME)])
         calm = state.calm + share[:, None] * (current - state.calm)
         swift = calm + damped(current - calm, noise[:, None] * axles)
-        bears = self._shift.loads(leans.transferred(), sharp[1])
+        bears = self.balance.loads(leans.transferred(), sharp[1])
         now = Current(swift[0], swift[1], swift[2], bears, signals.now_rate[YAW_RATE])
         ahead = jnp.abs(jnp.stack([current[0] - by_axle(slow.along), fast.across - slow.across]))
         calms = jnp.exp(-dt / _STIRRED)

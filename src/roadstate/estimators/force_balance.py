@@ -21,8 +21,11 @@ if TYPE_CHECKING:
 
 _TRAIL = 0.03  # m: pneumatic trail of a car's tire below the limit
 _SPUN = 3.0  # σ of the noise of a wheel's acceleration from which on it counts
+_FRONT_MORE = 0.03  # by which the front axle's share of the roll moment exceeds that of the weight
 LARGEST = 0.7
 """Of the weight: no wheel's torque makes more."""
+SWAY_ARM = 0.85
+"""Of the centre of gravity over the axis that the body rolls about, over its height."""
 
 
 class Scene(NamedTuple):
@@ -90,7 +93,8 @@ class ForceBalance(eqx.Module):
     L Y_r = l_f m a_y − I_z ṙ + M_x, with M_x the moment of the longitudinal forces.
 
     Attributes:
-        car: planar dynamics under given forces.
+        car: planar dynamics under given forces; its front axle bears more of the roll moment than of the
+            weight, as bars and springs have it, without which a car would oversteer.
         driven: (4,) share of the drive that each wheel gets.
         half_track: (4,) where each wheel is, m to the left.
     """
@@ -98,11 +102,15 @@ class ForceBalance(eqx.Module):
     car: SevenDofForces
     driven: Float[Array, " 4"]
     half_track: Float[Array, " 4"]
+    _tips: Float[Array, ""]
     _braked: Float[Array, " 4"] | None
     _spin_noise: Float[Array, ""]
 
     def __init__(self, vehicle: Vehicle) -> None:
-        self.car = SevenDofForces.from_vehicle(vehicle)
+        car = SevenDofForces.from_vehicle(vehicle)
+        share = jnp.clip(car.front_roll_share + _FRONT_MORE, 0.0, 1.0)
+        self.car = eqx.tree_at(lambda c: c.front_roll_share, car, share)
+        self._tips = leaf(1 + GRAVITY * SWAY_ARM * vehicle.body.roll_gradient)
         driven = np.array(vehicle.driveline.drives)
         self.driven = jnp.asarray(driven / driven.sum())
         self.half_track = jnp.asarray(np.array(vehicle.geometry.half_tracks))
@@ -112,6 +120,15 @@ class ForceBalance(eqx.Module):
             gains = np.repeat([brakes.torque_per_pressure_front, brakes.torque_per_pressure_rear], 2)
             self._braked = jnp.asarray(gains / gains.sum())
         self._spin_noise = leaf(_SPUN * vehicle.sensors.wheel_speed.noise / SMOOTHING)
+
+    def loads(self, along: Float[Array, ""], across: Float[Array, ""]) -> Float[Array, " 4"]:
+        """Of the wheels of a car of the file's mass, N, under specific forces in m/s².
+
+        In a bend the body rolls outward, and its centre of gravity with it: g times the roll gradient times
+        the height over the roll axis comes to 7 % of what the centrifugal force shifts. (How a roll moment is
+        shared: Gillespie, *Fundamentals of Vehicle Dynamics*, ch. 6.)
+        """
+        return self.car.wheel_loads(along, self._tips * across)
 
     def of(
         self, accel: Float[Array, " 2"], rate: Float[Array, " 8"], torque: Float[Array, " 8"], at: Scene

@@ -1,23 +1,13 @@
-"""How the body leans under an acceleration, which then reaches wheels and accelerometer."""
+"""How the body comes to pitch under an acceleration, which then reaches wheels and accelerometer."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple, Self
+from typing import NamedTuple
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from roadstate.core.constants import GRAVITY
-from roadstate.estimators.base import leaf
-
-if TYPE_CHECKING:
-    from roadstate.vehicles import SevenDofForces, Vehicle
-
-SWAY_ARM = 0.85
-"""Of the centre of gravity over the axis that the body rolls about, over its height."""
-_FRONT_MORE = 0.03  # by which the front axle's share of the roll moment exceeds that of the weight
 _FREQUENCY = 1.5  # Hz: at which the body of a car pitches
 _DAMPING = 0.35  # of it, as a share of the critical one
 _LASTS = 0.5  # s for which an acceleration lasts that is none of a rough road's
@@ -75,31 +65,3 @@ class Lean(NamedTuple):
             share: g times the pitch gradient: what a body that leans for good adds, as a share.
         """
         return accel + share * (accel - self.accel)
-
-
-class LoadShift(eqx.Module):
-    """Loads of the wheels of a car whose body leans.
-
-    In a bend the body rolls outward, and its centre of gravity with it: g times the roll gradient times the
-    height over the roll axis comes to 7 % of what the centrifugal force shifts. And bars and springs give the
-    front axle more than its share of the weight, without which a car would oversteer. (How a roll moment is
-    shared: Gillespie, *Fundamentals of Vehicle Dynamics*, ch. 6.)
-
-    Attributes:
-        car: with the front's share of the roll moment.
-        tips: the roll moment of a body that leans, over that of one that does not.
-    """
-
-    car: SevenDofForces
-    tips: Float[Array, ""]
-
-    @classmethod
-    def of(cls, vehicle: Vehicle, car: SevenDofForces) -> Self:
-        """For the body of a vehicle file, and a car without one."""
-        share = jnp.clip(car.front_roll_share + _FRONT_MORE, 0.0, 1.0)
-        stiffer = eqx.tree_at(lambda c: c.front_roll_share, car, share)
-        return cls(stiffer, leaf(1 + GRAVITY * SWAY_ARM * vehicle.body.roll_gradient))
-
-    def loads(self, along: Float[Array, ""], across: Float[Array, ""]) -> Float[Array, " 4"]:
-        """Of a car of the file's mass, N, under specific forces in m/s²."""
-        return self.car.wheel_loads(along, self.tips * across)

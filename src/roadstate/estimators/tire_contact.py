@@ -12,8 +12,8 @@ from jaxtyping import Array, Float
 from roadstate.core.constants import GRAVITY
 from roadstate.estimators.axle_forces import AxleForces, by_axle, steered_cosines
 from roadstate.estimators.base import leaf
+from roadstate.estimators.force_balance import SWAY_ARM
 from roadstate.estimators.intake import ACCEL_Y, SMOOTHING, SPIN, STALE, STEER, YAW_RATE, Signals
-from roadstate.estimators.load_transfer import SWAY_ARM
 from roadstate.estimators.sideways import SLIP_ERROR, Touch
 from roadstate.estimators.wheel_rims import WHEEL_DELAY
 from roadstate.linalg import root, rss
