@@ -41,6 +41,7 @@ from roadstate.estimators.intake import (
 from roadstate.estimators.joint_output import told, validity_of
 from roadstate.estimators.loading import Loading
 from roadstate.estimators.noise_learning import Unrest
+from roadstate.estimators.pace import Pace
 from roadstate.estimators.pitch import PitchMeter, PitchState
 from roadstate.estimators.plausibility import TORQUE, Plausibility, PlausibilityState
 from roadstate.estimators.radii import Radii, RadiiState
@@ -78,8 +79,8 @@ class JointState(NamedTuple):
     """State of :class:`Joint`.
 
     Attributes:
-        watch, signals, direction, radii, trust, forces, rims, along, contact, bank, pitch, roll, unrest,
-            loading, shortfall: the parts'.
+        watch, signals, direction, radii, trust, forces, rims, along, contact, bank, pace, pitch, roll,
+            unrest, loading, shortfall: the parts'.
         speed_age: s since anything told the speed.
         against: samples of the speed signal, in a row, that the wheels confirm and the filter contradicts;
             or how many of them wheels that roll freely are worth.
@@ -101,6 +102,7 @@ class JointState(NamedTuple):
     along: FilterState
     contact: ContactState
     bank: BankState
+    pace: Pace
     pitch: PitchState
     roll: RollState
     unrest: Unrest
@@ -229,6 +231,7 @@ class Joint(Estimator[JointState]):
             along=self.filter.init(self.along),
             contact=self.contact.init(),
             bank=self.bank.init(),
+            pace=Pace.start(),
             pitch=self.pitch.init(),
             roll=self.roll.init(),
             unrest=self.inputs.start(),
@@ -245,7 +248,7 @@ class Joint(Estimator[JointState]):
 
     def step(self, state: JointState, sample: Sample, dt: Float[Array, ""]) -> tuple[JointState, Info]:
         """Signals, forces, motion along the road, then what goes on across it."""
-        x, (across, across_std) = state.along.gaussian.mean, self.bank.merged(state.bank)
+        x, (across, across_std) = state.along.gaussian.mean, state.pace.merged(self.bank, state.bank)
         watch = once(self.watch.look(state.watch, sample, x[SPEED], dt))
         sample = self.watch.without_frozen(watch, sample)
         held, raw = self.signals.read(state.signals, sample, x[SPEED], dt)
@@ -315,7 +318,7 @@ class Joint(Estimator[JointState]):
         )
         late = self.watch.lateness(watch, WHEEL_SPEEDS) * gain / jnp.maximum(jnp.abs(speed), 1.0)
         touch = touch._replace(slip_shared=rss(touch.slip_shared, jnp.max(jnp.abs(late))))
-        bank, likelihood = once(self.bank.step(state.bank, touch, dt))
+        pace, bank, likelihood = once(state.pace.weigh(self.bank, state.bank, touch, dt))
         share = 1 + rolling[0]
         if "wheel_radius" in self.along.states:
             raw = raw.scaled(jnp.ones(8).at[SPIN].set(share))
@@ -349,7 +352,7 @@ class Joint(Estimator[JointState]):
         along = along._replace(gaussian=self.along.doubt(along.gaussian, spoilt, begin))
         doubt = jnp.where(jnp.any(verdict.lies) | caught, _AFRESH, state.doubt - dt)
         afresh = (doubt > 0) | ~self.bank.is_sound(bank)
-        bank = once(select(afresh, self.bank.init(), bank))
+        pace, bank = once(select(afresh, (Pace.start(), self.bank.init()), (pace, bank)))
         speed_age = jnp.where(jnp.any(jnp.isfinite(z) & tells), 0.0, state.speed_age + dt)
         refused = (along.rejected > 0) | stuck
         if "attitude" in self.sensors:
@@ -358,7 +361,7 @@ class Joint(Estimator[JointState]):
         fault_age = jnp.where(faulty, state.fault_age + jnp.minimum(dt, _PAUSE), 0.0)
         friction = once(self._friction(bank))
         new = JointState(
-            watch, held, direction, radii, trust, meter, rims, along, contact, bank, pitch, roll,
+            watch, held, direction, radii, trust, meter, rims, along, contact, bank, pace, pitch, roll,
             unrest, loading, shortfall, speed_age, jnp.where(lost, 0.0, against), doubt, fault_age, forces,
             friction, state.validity,
         )  # fmt: skip

@@ -100,7 +100,7 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
     forces = state.latest
     sine = jnp.clip(mean[SLOPE] / GRAVITY, -0.99, 0.99)
     grade = jnp.arcsin(sine)
-    side, side_std = joint.bank.merged(state.bank)
+    side, side_std = state.pace.merged(joint.bank, state.bank)
     # in a long bend v_y r looks like a slope, and the lateral forces say how sharp the bend is
     sharp = joint.bank.cornering(state.bank)
     if joint.signals.has[ACCEL_Y] and not joint.knows_sides:
