@@ -124,3 +124,18 @@ def test_a_wheel_that_slips_otherwise_is_weighed_at_once(
     after, _, _ = pace.weigh(bank, state, slips, jnp.asarray(0.01))
     assert (float(after.since) == 0) is at_once
     assert after.slip[2] == pytest.approx(-gain if at_once else 0.0)
+
+
+def test_a_wheel_that_has_come_to_slip_more_is_watched(bank: FrictionBank) -> None:
+    """For as long as that is new, every sample is weighed; and then as seldom as before."""
+    zero, dt = jnp.zeros(()), jnp.asarray(0.01)
+    here = touch(zero, zero)._replace(along_std=jnp.zeros(4))
+    pace, state = Pace.start(), bank.init()
+    weighed = []
+    weigh = jax.jit(lambda pace, state, touch: pace.weigh(bank, state, touch, dt)[:2])
+    for i in range(500):
+        pace, state = weigh(pace, state, here if i < 100 else here._replace(slip=here.slip - 0.02))
+        weighed.append(float(pace.since) == 0)
+    assert sum(weighed[:100]) <= 51
+    assert all(weighed[100:150])
+    assert sum(weighed[-100:]) == 50

@@ -6,9 +6,10 @@ from typing import NamedTuple, Self, cast
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from roadstate.core.numerics import in_single
+from roadstate.estimators import slip_jump
 from roadstate.estimators.friction_bank import BankState, FrictionBank
 from roadstate.estimators.sideways import BANK, BIAS_Y, V_Y, Touch
 
@@ -20,12 +21,14 @@ there is to tell, unless a wheel's slip changes. No multiple of a usual step, wh
 now above, now below.
 """
 _STIRS = (0.0015, 0.02)
-"""Change of a wheel's slip that is weighed at once: by itself, and m/s over the speed.
+"""Change of a wheel's slip since the last one that is weighed at once: by itself, and m/s over the speed.
 
 A wheel that comes onto ice is caught within a few samples, before it slips so far that a controller steps in:
 what each of them adds to the evidence is limited, so that every other one would find the ice 40 ms later. A
 wheel's noise at 100 Hz seldom makes as much.
 """
+_JUMPED = (0.004, 0.05)
+"""Difference of what a wheel slips beyond its force from what is remembered of it, likewise."""
 _SLOW = 1.0  # m/s
 
 
@@ -63,10 +66,17 @@ class Pace(NamedTuple):
         def early(waits: Self, state: BankState) -> tuple[Self, BankState, Array]:
             return waits, state, jnp.zeros(())
 
-        still = jnp.maximum(_STIRS[0], _STIRS[1] / jnp.maximum(jnp.abs(touch.speed), _SLOW))
-        stirs = jnp.any(jnp.abs(touch.slip - self.slip) > still)
-        told = jax.lax.cond(stirs | (waits.since > SELDOM), due, early, waits, state)
-        return cast("tuple[Self, BankState, Array]", told)
+        now = (waits.since > SELDOM) | self._is_swift(bank, state, touch)
+        return cast("tuple[Self, BankState, Array]", jax.lax.cond(now, due, early, waits, state))
+
+    def _is_swift(self, bank: FrictionBank, state: BankState, touch: Touch) -> Bool[Array, ""]:
+        """Whether wheels slip otherwise than a moment ago."""
+        speed = jnp.maximum(jnp.abs(touch.speed), _SLOW)
+        stirs = jnp.abs(touch.slip - self.slip) > jnp.maximum(_STIRS[0], _STIRS[1] / speed)
+        memory = state.level[10:]
+        jump = jnp.abs(slip_jump.unexplained(touch, bank.wheels.slip_stiffness) - memory)
+        jumped = (memory < slip_jump.NOTHING) & (jump > jnp.maximum(_JUMPED[0], _JUMPED[1] / speed))
+        return jnp.any(stirs | jumped)
 
     def merged(self, bank: FrictionBank, state: BankState) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
         """:meth:`FrictionBank.merged`, with the v_y of now."""
