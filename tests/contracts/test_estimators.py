@@ -245,6 +245,7 @@ def test_the_worst_plausible_sample_does_no_lasting_harm(case: Case, sign: int) 
 
 def test_a_stream_gives_the_numbers_of_a_scan(case: Case) -> None:
     stream = Stream(case.estimator)
+    off = 1e-6 if case.estimator.name == "joint" else 1e-12  # it weighs friction in single precision
     count = 200
     for k in range(count):
         if k == 100:  # saved and put back
@@ -254,7 +255,7 @@ def test_a_stream_gives_the_numbers_of_a_scan(case: Case) -> None:
         estimate = stream.push(case.log.time[k], {n: v[k] for n, v in case.log.channels.items()})
         for got, expected in ((estimate.values, case.usual.values), (estimate.std, case.usual.std)):
             for name in expected:
-                assert float(got[name]) == pytest.approx(expected[name][k], rel=1e-12, abs=1e-12)
+                assert float(got[name]) == pytest.approx(expected[name][k], rel=off, abs=min(off, 1e-9))
         assert int(estimate.validity) == case.usual.validity[k]
 
 

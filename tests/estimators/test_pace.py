@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from roadstate.core.numerics import in_single
 from roadstate.estimators.friction_bank import BankState, FrictionBank
 from roadstate.estimators.pace import SELDOM, Pace
 from roadstate.estimators.sideways import V_Y, Touch
@@ -53,7 +52,7 @@ def driven(
         mean, std = pace.merged(bank, state)
         return (pace, state), (mean[V_Y], std[V_Y], pace.since == 0)
 
-    (_, state), told = jax.lax.scan(step, (Pace.start(), bank.init()), in_single((accel_y, yaw_rate, dt)))
+    (_, state), told = jax.lax.scan(step, (Pace.start(), bank.init()), (accel_y, yaw_rate, dt))
     return *told, state
 
 

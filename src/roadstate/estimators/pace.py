@@ -8,7 +8,6 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from roadstate.core.numerics import in_single
 from roadstate.estimators import slip_jump
 from roadstate.estimators.friction_bank import BankState, FrictionBank
 from roadstate.estimators.sideways import BANK, BIAS_Y, V_Y, Touch
@@ -48,13 +47,12 @@ class Pace(NamedTuple):
     @classmethod
     def start(cls) -> Self:
         """Nothing."""
-        return in_single(cls(jnp.zeros(()), jnp.zeros(()), jnp.zeros(4)))
+        return cls(jnp.zeros(()), jnp.zeros(()), jnp.zeros(4))
 
     def weigh(
         self, bank: FrictionBank, state: BankState, touch: Touch, dt: Float[Array, ""]
     ) -> tuple[Self, BankState, Float[Array, ""]]:
         """:meth:`FrictionBank.step`, where it is time for it: the log-likelihood is 0 elsewhere."""
-        touch, dt = in_single((touch, dt))
         turning = touch.speed * touch.yaw_rate
         waits = self._replace(since=self.since + dt, push=self.push + dt * (touch.accel_y - turning))
 
