@@ -77,7 +77,7 @@ def test_how_often(rate: int, every: int, jitter: float) -> None:
 
 
 def test_seldom_samples_are_all_weighed(bank: FrictionBank) -> None:
-    """Bit for bit, but that v_y is of the sample and not of the one before."""
+    """At 50 Hz the states are the bank's own, to single precision's rounding."""
     accel = np.random.default_rng(1).normal(size=100)
     *_, weighed, paced = run(bank, accel, 0.02)
     *_, plain = run(bank, accel, 0.02, always=True)
