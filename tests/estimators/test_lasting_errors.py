@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
+from tests.estimators.tires_on_road import straight_on
 
 from roadstate.core.constants import GRAVITY
 from roadstate.estimators.friction_bank import BankState, FrictionBank
@@ -20,13 +21,9 @@ Numbers = NDArray[np.float64]
 
 def straight(lateral: jax.Array, across: jax.Array, steer: jax.Array) -> Touch:
     """Ahead at :data:`SPEED`, nothing along the road."""
-    zero, two, four = jnp.zeros(()), jnp.zeros(2), jnp.zeros(4)
-    return Touch(
-        speed=zero + SPEED, accel_y=lateral, yaw_rate=zero, yaw_accel=zero, lateral=lateral,
-        angle=jnp.stack([steer, zero]), across=across, along=four, slip=four, slip_std=four + 0.002,
-        slip_noise=four, slip_shared=zero + 0.002, across_std=two, along_std=four, split_std=four,
-        shaken=two, load=jnp.ones(4), lag=zero, banking=jnp.asarray([0.0, jnp.inf]), spins=zero > 0,
-    )  # fmt: skip
+    angle = jnp.stack([steer, jnp.zeros_like(steer)])
+    here = straight_on(speed=SPEED)._replace(accel_y=lateral, lateral=lateral, angle=angle, across=across)
+    return here._replace(lag=jnp.zeros(()))
 
 
 def wandering(rng: np.random.Generator, std: float, lasts: float, count: int) -> Numbers:

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jaxtyping import Array
+from tests.estimators.tires_on_road import straight_on
 
 from roadstate.estimators import slip_jump
 from roadstate.estimators.friction_bank import FrictionBank
@@ -22,16 +23,10 @@ DT = 0.01
 
 
 def touch(slip: Array, force: Array, shared: float = 0.02) -> Touch:
-    """Straight on at 14 m/s; all that is not given is zero."""
-    zero = jnp.zeros(())
-    return Touch(
-        speed=zero + 14.0, accel_y=zero, yaw_rate=zero, yaw_accel=zero, lateral=zero, angle=jnp.zeros(2),
-        across=jnp.zeros(2), along=jnp.asarray(force), slip=jnp.asarray(slip), slip_std=jnp.full(4, 0.0015),
-        slip_noise=jnp.zeros(4),
-        slip_shared=zero + shared, across_std=jnp.zeros(2), along_std=jnp.zeros(4), split_std=jnp.zeros(4),
-        shaken=jnp.zeros(2), load=jnp.ones(4), lag=zero + 0.05, banking=jnp.asarray([0.0, jnp.inf]),
-        spins=zero > 0,
-    )  # fmt: skip
+    """Straight on at 14 m/s."""
+    return straight_on(force, slip, speed=14.0)._replace(
+        slip_std=jnp.full(4, 0.0015), slip_shared=jnp.asarray(shared)
+    )
 
 
 def gains(before: list[float], after: list[float], force: float = FORCE, then: float = FORCE) -> Array:

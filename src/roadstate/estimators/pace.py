@@ -19,15 +19,14 @@ Forces and slips are low-passed to some 3 Hz, so that of 100 samples in a second
 there is to tell, unless a wheel's slip changes. No multiple of a usual step, which a clock's jitter would be
 now above, now below.
 """
-_STIRS = (0.0015, 0.02)
-"""Change of a wheel's slip since the last one that is weighed at once: by itself, and m/s over the speed.
+_JUMPED = (0.004, 0.05)
+"""Difference of what a wheel slips beyond its force from what is remembered of it that is weighed at once: by
+itself, and m/s over the speed.
 
 A wheel that comes onto ice is caught within a few samples, before it slips so far that a controller steps in:
 what each of them adds to the evidence is limited, so that every other one would find the ice 40 ms later. A
 wheel's noise at 100 Hz seldom makes as much.
 """
-_JUMPED = (0.004, 0.05)
-"""Difference of what a wheel slips beyond its force from what is remembered of it, likewise."""
 _SLOW = 1.0  # m/s
 
 
@@ -37,17 +36,15 @@ class Pace(NamedTuple):
     Attributes:
         since: s.
         push: ∫ (a_y − v_x r) dt since then, m/s: by so much v_y has grown, but for the bank and biases.
-        slip: (4,) of the wheels, as it was then.
     """
 
     since: Float[Array, ""]
     push: Float[Array, ""]
-    slip: Float[Array, " 4"]
 
     @classmethod
     def start(cls) -> Self:
         """Nothing."""
-        return cls(jnp.zeros(()), jnp.zeros(()), jnp.zeros(4))
+        return cls(jnp.zeros(()), jnp.zeros(()))
 
     def weigh(
         self, bank: FrictionBank, state: BankState, touch: Touch, dt: Float[Array, ""]
@@ -58,25 +55,23 @@ class Pace(NamedTuple):
 
         def due(waits: Self, state: BankState) -> tuple[Self, BankState, Array]:
             mean = waits.push / jnp.where(waits.since > 0, waits.since, 1.0)
-            begin = self.start()._replace(slip=touch.slip)
-            return begin, *bank.step(state, touch._replace(accel_y=mean + turning), waits.since)
+            return self.start(), *bank.step(state, touch._replace(accel_y=mean + turning), waits.since)
 
         def early(waits: Self, state: BankState) -> tuple[Self, BankState, Array]:
             return waits, state, jnp.zeros(())
 
-        now = (waits.since > SELDOM) | self._is_swift(bank, state, touch)
+        now = (waits.since > SELDOM) | _jump(bank, state, touch)
         return cast("tuple[Self, BankState, Array]", jax.lax.cond(now, due, early, waits, state))
-
-    def _is_swift(self, bank: FrictionBank, state: BankState, touch: Touch) -> Bool[Array, ""]:
-        """Whether wheels slip otherwise than a moment ago."""
-        speed = jnp.maximum(jnp.abs(touch.speed), _SLOW)
-        stirs = jnp.abs(touch.slip - self.slip) > jnp.maximum(_STIRS[0], _STIRS[1] / speed)
-        memory = state.level[10:]
-        jump = jnp.abs(slip_jump.unexplained(touch, bank.wheels.slip_stiffness) - memory)
-        jumped = (memory < slip_jump.NOTHING) & (jump > jnp.maximum(_JUMPED[0], _JUMPED[1] / speed))
-        return jnp.any(stirs | jumped)
 
     def merged(self, bank: FrictionBank, state: BankState) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
         """:meth:`FrictionBank.merged`, with the v_y of now."""
         mean, std = bank.merged(state)
         return mean.at[V_Y].add(self.push - self.since * (mean[BANK] + mean[BIAS_Y])), std
+
+
+def _jump(bank: FrictionBank, state: BankState, touch: Touch) -> Bool[Array, ""]:
+    """Whether wheels slip otherwise than a moment ago."""
+    speed = jnp.maximum(jnp.abs(touch.speed), _SLOW)
+    memory = state.level[10:]
+    jump = jnp.abs(slip_jump.unexplained(touch, bank.wheels.slip_stiffness) - memory)
+    return jnp.any((memory < slip_jump.NOTHING) & (jump > jnp.maximum(_JUMPED[0], _JUMPED[1] / speed)))
