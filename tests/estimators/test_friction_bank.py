@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from tests.estimators.tires_on_road import straight_on
 
 from roadstate.core.constants import GRAVITY
 from roadstate.core.kernel import equations
@@ -28,19 +29,6 @@ from roadstate.estimators.sideways import (
 from roadstate.vehicles import Vehicle
 
 
-def touch(along: float | list[float] = 0.0, slip: float | list[float] = 0.0) -> Touch:
-    """Straight ahead at 15 m/s."""
-    zero, two, four = jnp.zeros(()), jnp.zeros(2), jnp.ones(4)
-    return Touch(
-        speed=zero + 15.0, accel_y=zero, yaw_rate=zero, yaw_accel=zero, lateral=zero, angle=two, across=two,
-        along=jnp.asarray(along) * four, slip=jnp.asarray(slip) * four, slip_std=0.002 * four,
-        slip_noise=0.0 * four,
-        slip_shared=zero + 0.002, across_std=two, along_std=0.0 * four, split_std=0.0 * four,
-        shaken=two, load=jnp.ones(4), lag=zero + 0.05, banking=jnp.asarray([0.0, jnp.inf]),
-        spins=zero > 0,
-    )  # fmt: skip
-
-
 @eqx.filter_jit
 def stepped(bank: FrictionBank, state: BankState, here: Touch) -> BankState:
     """After 10 ms."""
@@ -53,7 +41,7 @@ class TestBank:
         bank = FrictionBank(vehicle, ())
         least = []
         for lasts in (0.0, 0.06):
-            bears = touch([0.25, 0.25, 0.15, 0.15], 0.3)._replace(
+            bears = straight_on([0.25, 0.25, 0.15, 0.15], 0.3)._replace(
                 along_std=jnp.full(4, 0.06), split_std=jnp.full(4, lasts)
             )
             state = self.driven(bank, (0.5, bears))
@@ -63,7 +51,7 @@ class TestBank:
     def test_a_gyroscope_that_errs_moves_no_car_that_stands(self, vehicle: Vehicle) -> None:
         """At a walking pace the rear axle follows where it points, and a known bias turns it nowhere."""
         motion = Sideways(vehicle, ())
-        here = touch()._replace(speed=jnp.zeros(()), yaw_rate=jnp.asarray(0.02))
+        here = straight_on()._replace(speed=jnp.zeros(()), yaw_rate=jnp.asarray(0.02))
         x = jnp.zeros((SIZE, 2)).at[BIAS_R, 1].set(0.02)
         P = jnp.broadcast_to(motion.first[:, :, None], (SIZE, SIZE, 2))
         moved, _ = motion.moved(x, P, here, jnp.asarray(0.01))
@@ -87,7 +75,7 @@ class TestBank:
         slides = force / np.asarray(bank.motion.stiffness)
         sideways = -bank.motion.arm[1] * turn - direction * speed * slides[1]
         gives = np.asarray(bank.motion.give) * force
-        bend = touch()._replace(
+        bend = straight_on()._replace(
             speed=jnp.asarray(direction * speed),
             yaw_rate=jnp.asarray(direction * turn),
             accel_y=jnp.asarray(force * GRAVITY),
@@ -104,7 +92,7 @@ class TestBank:
         """At a crawl, as on a rough road: v_y follows what the tires bear, though no bank explains it."""
         bank, time = FrictionBank(vehicle, ()), np.arange(0, 4, 0.01)
         sways, bears = 0.03 * np.sin(often * time), 0.03 * np.sin(5 * time)
-        crawl = touch()._replace(speed=jnp.asarray(4.7))
+        crawl = straight_on()._replace(speed=jnp.asarray(4.7))
         state, found, upper = bank.init(), [], []
         for a, f in zip(sways, bears, strict=True):
             here = crawl._replace(angle=jnp.full(2, a), across=jnp.full(2, f), accel_y=jnp.asarray(f))
@@ -119,7 +107,7 @@ class TestBank:
         """F_y begins where it is first known; a wheel that falls silent comes back as it was."""
         bank = FrictionBank(vehicle, ())
         slip = 0.2 / float(bank.wheels.slip_stiffness)
-        here = touch(0.2, slip / (1 - slip))._replace(across=jnp.full(2, 0.3))
+        here = straight_on(0.2, slip / (1 - slip))._replace(across=jnp.full(2, 0.3))
         blind = here._replace(across_std=jnp.full(2, jnp.inf), along_std=jnp.full(4, jnp.inf))
         blind = blind._replace(across=jnp.zeros(2), along=jnp.zeros(4), slip=jnp.zeros(4))
         nothing = self.driven(bank, (0.1, blind))
@@ -132,7 +120,7 @@ class TestBank:
         np.testing.assert_allclose(slip_jump.jumps(back, first.level[10:], here), 0.0, atol=1e-6)
 
     def after(self, bank: FrictionBank, seconds: float, along: float, slip: float) -> np.ndarray:
-        state = self.driven(bank, (seconds, touch(along, slip)))
+        state = self.driven(bank, (seconds, straight_on(along, slip)))
         return np.asarray(bank.quantiles(state, (0.05, 0.5, 0.95)))[:, 0]
 
     @pytest.mark.parametrize("gyro_error", [-0.03, 0.0, 0.03])
@@ -141,7 +129,7 @@ class TestBank:
     ) -> None:
         """For 10 s of a bend nothing tells the motion across but what others make of the yaw rate."""
         motion, turn = Sideways(vehicle, ()), 0.1
-        bend = touch()._replace(accel_y=jnp.asarray(15 * turn), yaw_rate=jnp.asarray(turn + gyro_error))
+        bend = straight_on()._replace(accel_y=jnp.asarray(15 * turn), yaw_rate=jnp.asarray(turn + gyro_error))
         lost = bend._replace(across_std=jnp.full(2, jnp.inf))
         x, P = jnp.zeros((SIZE, 1)), motion.first[:, :, None]
         move = jax.jit(lambda x, P: motion.moved(x, P, lost, jnp.asarray(0.01)))
@@ -166,7 +154,7 @@ class TestBank:
         bank = FrictionBank(vehicle, ())
         std = {}
         for used in (0.3, 0.9):
-            bears = touch()._replace(across=jnp.full(2, used))
+            bears = straight_on()._replace(across=jnp.full(2, used))
             state = self.driven(bank, (10.0, bears))
             limit = int(np.argmin(np.abs(np.asarray(bank.friction) - used)))
             std[used] = float(state.P[V_Y, V_Y, limit]) ** 0.5 / 15
@@ -188,7 +176,7 @@ class TestBank:
         bears = jnp.tile(jnp.asarray([inner, 1 - inner]), 2)
         soft = 1 - 0.4 * (1 - 2 * inner) ** 2
         truth, sideways = 0.85, 1.5
-        here = touch()._replace(load=2 * bears, slip_std=jnp.full(4, 0.01))
+        here = straight_on()._replace(load=2 * bears, slip_std=jnp.full(4, 0.01))
         turns = []
         for slip in (jnp.zeros(4), jnp.asarray([-0.3, -0.02, -0.3, -0.02])):
             stiff = bank.wheels.slip_stiffness * slip / (1 + slip)
@@ -216,7 +204,7 @@ class TestBank:
             )
             here = {name: jnp.asarray(x) for name, x in (along if ahead else turned).items()}
             state = self.driven(
-                bank, (0.3, touch()), (1.0, touch()._replace(load=jnp.asarray(loads), **here))
+                bank, (0.3, straight_on()), (1.0, straight_on()._replace(load=jnp.asarray(loads), **here))
             )
             found.append(np.asarray(bank.likeliest(state))[1:3])
         np.testing.assert_allclose(found[0], found[1], rtol=0.025)
@@ -229,8 +217,8 @@ class TestBank:
     def test_wheels_that_slide_on_one_side_tell_of_that_side(self, vehicle: Vehicle) -> None:
         """Locked left wheels at 0.13, right ones that brake with 0.27 and hardly slip."""
         bank = FrictionBank(vehicle, ())
-        rolling = touch(0.0, 0.0)
-        braking = touch([-0.13, -0.27, -0.13, -0.27], [-0.9, -0.27 / 22, -0.9, -0.27 / 22])
+        rolling = straight_on()
+        braking = straight_on([-0.13, -0.27, -0.13, -0.27], [-0.9, -0.27 / 22, -0.9, -0.27 / 22])
         state = self.driven(bank, (1.0, rolling), (1.0, braking))
         low, _, high = np.asarray(bank.quantiles(state, (0.05, 0.5, 0.95)))
         at = {view: i for i, view in enumerate(VIEWS)}
@@ -257,8 +245,8 @@ class TestBank:
 
     def test_the_likeliest_of_a_part_that_is_two_is_their_mean(self, vehicle: Vehicle) -> None:
         bank = FrictionBank(vehicle, ())
-        braking = touch([-0.13, -0.27, -0.13, -0.27], [-0.9, -0.27 / 22, -0.9, -0.27 / 22])
-        told = np.asarray(bank.likeliest(self.driven(bank, (1.0, touch(0.0, 0.0)), (1.0, braking))))
+        braking = straight_on([-0.13, -0.27, -0.13, -0.27], [-0.9, -0.27 / 22, -0.9, -0.27 / 22])
+        told = np.asarray(bank.likeliest(self.driven(bank, (1.0, straight_on()), (1.0, braking))))
         at = {view: i for i, view in enumerate(VIEWS)}
         assert told[at["_left"]] < 0.25
         assert told[at["_right"]] > 0.6
@@ -267,21 +255,21 @@ class TestBank:
     def test_a_wheel_that_is_worn_is_known_by_its_rolling(self, vehicle: Vehicle) -> None:
         """Rolling freely it seems to slip 4 ‰: that is its radius, not friction."""
         bank = FrictionBank(vehicle, ())
-        state = self.driven(bank, (30.0, touch(0.0, [0.004, 0.0, 0.0, 0.0])))
-        offsets = np.asarray(state.y)[[0, 2], 2] @ np.asarray(state.weight).sum(axis=0)[5]
+        state = self.driven(bank, (30.0, straight_on(0.0, [0.004, 0.0, 0.0, 0.0])))
+        offsets = np.asarray(state.y)[[0, 2], 2] @ np.asarray(state.weight).sum(axis=(0, 1))[5]
         assert 0.0025 < offsets[0] < 0.0042
         assert offsets[1] == pytest.approx(0.0, abs=0.0015)
 
     def test_a_wheel_on_ice_teaches_the_one_behind_it_nothing_of_its_tire(self, vehicle: Vehicle) -> None:
         """For .2 s the front wheels slide on ice and the rear ones brake on asphalt, then all are on ice."""
         bank = FrictionBank(vehicle, ())
-        dry = touch(-0.7, -0.05)
-        joint = touch([-0.13, -0.13, -0.7, -0.7], [-0.7, -0.7, -0.05, -0.05])
+        dry = straight_on(-0.7, -0.05)
+        joint = straight_on([-0.13, -0.13, -0.7, -0.7], [-0.7, -0.7, -0.05, -0.05])
         both = self.driven(bank, (1.0, dry), (0.2, joint))
         near = int(np.argmin(np.abs(np.asarray(bank.friction) - 0.8)))
         shapes = np.asarray(both.y)[:, 1, near]
         assert np.abs(shapes[2:]).max() < 0.1 < np.abs(shapes[:2]).min()
-        after = self.driven(bank, (1.0, dry), (0.2, joint), (0.5, touch(-0.13, -0.5)))
+        after = self.driven(bank, (1.0, dry), (0.2, joint), (0.5, straight_on(-0.13, -0.5)))
         low, middle, high = np.asarray(bank.quantiles(after, (0.05, 0.5, 0.95)))[:, 0]
         # sliding so far a tire of the file's shape bears .78 of its friction
         assert middle == pytest.approx(0.13 / 0.78, rel=0.1)
@@ -292,7 +280,7 @@ class TestBank:
         bank = FrictionBank(vehicle, ())
         slips = np.array([0.02, 0.05, 0.08, 0.11])
         braked = [0.8 * 1.05 * np.sin(1.45 * np.arctan(20 * s / 0.8 / 1.45)) for s in slips]
-        phases = [(1.0, touch(-f, -s)) for f, s in zip(braked, slips, strict=True)] * 3
+        phases = [(1.0, straight_on(-f, -s)) for f, s in zip(braked, slips, strict=True)] * 3
         low, _, high = np.asarray(bank.quantiles(self.driven(bank, *phases), (0.05, 0.5, 0.95)))[:, 0]
         assert low < 0.8 < high < 1.0
 
@@ -303,7 +291,7 @@ class TestBank:
         """After ice comes asphalt, of which forces tell: the speed is known too badly for any slip, or so
         badly that a slip's error might last for seconds."""
         bank = FrictionBank(vehicle, ())
-        icy, dry = touch(-0.14, -0.25), touch(-0.6, -slip)
+        icy, dry = straight_on(-0.14, -0.25), straight_on(-0.6, -slip)
         unsure = dry._replace(slip_shared=jnp.asarray(shared))
         before, after = (
             np.asarray(bank.quantiles(self.driven(bank, (1.0, icy), (lasts, unsure)), (0.05, 0.5, 0.95)))
@@ -316,7 +304,7 @@ class TestBank:
         """One number in double precision that meets the hypotheses doubles the work from there on."""
         bank = FrictionBank(vehicle, ())
         step = jax.make_jaxpr(lambda s, t, dt: bank.step(s, in_single(t), in_single(dt))[0])
-        traced = step(bank.init(), touch(), jnp.asarray(0.01))
+        traced = step(bank.init(), straight_on(), jnp.asarray(0.01))
         many = [v.aval for e in equations(traced.jaxpr) for v in e.outvars if v.aval.size > 1]
         assert len(many) > 100
         floats = {aval.dtype for aval in many if jnp.issubdtype(aval.dtype, jnp.floating)}
@@ -324,8 +312,8 @@ class TestBank:
 
     def test_weights_stay_a_distribution(self, vehicle: Vehicle) -> None:
         bank = FrictionBank(vehicle, ())
-        state = self.driven(bank, (0.01, touch(0.5, 0.03)))
-        total = np.asarray(state.weight).sum(axis=(0, 2))
+        state = self.driven(bank, (0.01, straight_on(0.5, 0.03)))
+        total = np.asarray(state.weight).sum(axis=(0, 1, 3))
         np.testing.assert_allclose(total, 1, rtol=1e-6)
 
 
@@ -337,7 +325,7 @@ def test_noise_does_not_wear_the_stiffness_away(vehicle: Vehicle) -> None:
     held = GRAVITY * used
 
     def body(state: BankState, noise: jax.Array) -> tuple[BankState, None]:
-        here = touch()._replace(
+        here = straight_on()._replace(
             speed=jnp.asarray(speed),
             accel_y=held + noise[0],
             yaw_rate=held / speed + noise[1],
@@ -357,7 +345,7 @@ def test_noise_does_not_wear_the_stiffness_away(vehicle: Vehicle) -> None:
 def test_steering_gives_less_as_the_pneumatic_trail_shrinks() -> None:
     """By half where all of the friction is used, to either side; by nothing where none is."""
     across, friction = jnp.asarray([[0.0], [0.2], [-0.4], [0.9]]), jnp.asarray([0.4, 0.8])
-    left = np.stack([twisting(touch()._replace(across=a), friction) for a in across])
+    left = np.stack([twisting(straight_on()._replace(across=a), friction) for a in across])
     np.testing.assert_allclose(left, [[1, 1], [0.75, 0.875], [0.5, 0.75], [0.5, 0.5]], rtol=1e-6)
 
 
@@ -367,7 +355,7 @@ def test_a_steering_that_gives_is_no_grip(vehicle: Vehicle, friction: float) -> 
     bank = FrictionBank(vehicle, ())
     motion, dt, speed = bank.motion, 0.02, 15.0
     used = np.linspace(0.05, 0.93 * friction, 1500)
-    half = 0.5 * np.asarray(twisting(touch()._replace(across=used[None]), friction))
+    half = 0.5 * np.asarray(twisting(straight_on()._replace(across=used[None]), friction))
     gives = np.asarray(motion.give) * np.stack([half, np.ones_like(half)], axis=1)
     slips = (
         friction * 1.45 * np.tan(np.arcsin(used / friction) / 1.45)[:, None] / np.asarray(motion.stiffness)
@@ -380,7 +368,7 @@ def test_a_steering_that_gives_is_no_grip(vehicle: Vehicle, friction: float) -> 
 
     def body(state: BankState, row: tuple[jax.Array, ...]) -> tuple[BankState, None]:
         angles, grip, rate, gain = row
-        here = touch()._replace(
+        here = straight_on()._replace(
             speed=jnp.asarray(speed),
             accel_y=gain + speed * rate,
             yaw_rate=rate,

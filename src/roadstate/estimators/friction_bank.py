@@ -14,13 +14,13 @@ from jaxtyping import Array, Bool, Float
 from roadstate.core.constants import GRAVITY
 from roadstate.core.kernel import once
 from roadstate.core.numerics import in_default, in_single
-from roadstate.estimators import slip_jump
+from roadstate.estimators import road_changes, slip_jump
 from roadstate.estimators.astray import are_possible
 from roadstate.estimators.base import SILENT_STEP, leaf
 from roadstate.estimators.friction_curve import Grip, bounded, chord, elastic, theoretical_slip
 from roadstate.estimators.friction_wheels import Aside, Wheels
 from roadstate.estimators.intake import SMOOTHING
-from roadstate.estimators.mixture import follow, inherit, learn, likeliest, moments, padded, weigh
+from roadstate.estimators.mixture import follow, inherit, learn, likeliest, moments, weigh
 from roadstate.estimators.sideways import (
     BANK,
     BIAS_R,
@@ -50,10 +50,8 @@ VIEWS = ("", "_front", "_rear", "_left", "_right")
 """The car and its parts, of whose tires friction is told."""
 _LEAST, _LARGEST, _COUNT = 0.06, 1.35, 32  # a power of two: XLA vectorises it
 _ELSEWHERE = 0.5  # prior probability of a road that is not dry
-_JUMP = 1 / 400.0  # 1/m: how often the road's friction changes altogether
 # 1/m: how soon what a side's wheels have found of its road is taken to hold for each of them
 _JOINS = 1 / 5.0
-_DRIFT = 0.1**2 / 300.0  # 1/m: variance of ln μ that is added by driving on
 _SIDESLIP = (0.1, 0.03)  # rad: 1σ of the rear axle's slip angle where friction is 1, and at the least
 _SPUN = 2.0  # rad: of a car that spins
 _SLIDES = 1.0  # s in which it becomes another one
@@ -98,8 +96,8 @@ class BankState(NamedTuple):
     """Hypotheses of J frictions.
 
     Attributes:
-        weight: (3, 7, J) of the modes of :mod:`~roadstate.estimators.slip_jump` and the parts: car, wheels,
-            sides; of each part 1 in sum.
+        weight: (2, 3, 7, J) of the kinds of road (:mod:`~roadstate.estimators.road_changes`), the modes of
+            :mod:`~roadstate.estimators.slip_jump` and the parts: car, wheels, sides; of each part 1 in sum.
         x: (n, J) what each friction makes of :data:`STATES`; stiffnesses as logarithms of their factors,
             shape as difference from the file's, lever in m.
         P: (n, n, J) its covariance.
@@ -111,7 +109,7 @@ class BankState(NamedTuple):
             F_y or slip that was never told, and of all after a break: what is there then has not grown.
     """
 
-    weight: Float[Array, "3 7 J"]
+    weight: Float[Array, "2 3 7 J"]
     x: Float[Array, "n J"]
     P: Float[Array, "n n J"]
     y: Float[Array, "4 m J"]
@@ -149,9 +147,10 @@ class FrictionBank(eqx.Module):
     in turn; given it, sideslip, bank, accelerometer and steering bias, stiffnesses and shape are nearly
     Gaussian, and the evidence for it is how well forces were predicted (a Rao–Blackwellised point-mass
     filter; Bucy & Senne 1971; Doucet et al. 2000). Between samples the road may drift or change altogether,
-    with a rate per distance, so that without evidence the posterior returns to the prior as the car drives
-    on, and a sudden change is a hypothesis that is always there; wheels that slip more from one moment to the
-    next make it likely, or a bump (:mod:`~roadstate.estimators.slip_jump`).
+    with a rate per distance (:mod:`~roadstate.estimators.road_changes`), so that without evidence the
+    posterior returns to the prior as the car drives on, and a sudden change is a hypothesis that is always
+    there; wheels that slip more from one moment to the next make it likely, or a bump
+    (:mod:`~roadstate.estimators.slip_jump`).
 
     The parts of the car share hypotheses but not evidence: each weighs what its own tires tell. But a rear
     wheel rolls where the front one has been, so as the car drives on a wheel takes over what its side has
@@ -189,8 +188,9 @@ class FrictionBank(eqx.Module):
     def init(self) -> BankState:
         """The prior."""
         ones = jnp.ones(_COUNT)
+        weight = jnp.full((road_changes.KINDS, slip_jump.MODES, len(_WEIGHTS), _COUNT), _FLOOR)
         state = BankState(
-            jnp.full((slip_jump.MODES, len(_WEIGHTS), _COUNT), _FLOOR).at[slip_jump.STAYS].set(self.prior),
+            weight.at[:, slip_jump.STAYS].set(road_changes.first(self.prior)[:, None]),
             jnp.zeros((SIZE, _COUNT)),
             self.motion.first[:, :, None] * ones,
             *self.wheels.init(_COUNT),
@@ -258,11 +258,12 @@ class FrictionBank(eqx.Module):
         # only to keep the exponentials in range: nothing depends on it, nor does any derivative
         most = jax.lax.stop_gradient(jnp.max(evidence, axis=(0, 2), keepdims=True))
         raised = once(mixed.weight * jnp.exp(evidence - most))
-        total = jnp.sum(raised, axis=(0, 2), keepdims=True)
+        total = jnp.sum(raised, axis=(0, 1, 3), keepdims=True)
         weight = jnp.maximum(raised / total, _FLOOR)
         variance = jnp.stack([P[i, i] for i in range(SIZE)])
-        merged = moments(x, variance, jnp.sum(weight[:, 0], axis=0))
-        return BankState(weight, x, P, y, Y, merged, level), in_default((most + jnp.log(total))[0, 0, 0])
+        merged = moments(x, variance, jnp.sum(weight[:, :, 0], axis=(0, 1)))
+        likelihood = in_default((most + jnp.log(total[0]))[0, 0, 0])
+        return BankState(weight, x, P, y, Y, merged, level), likelihood
 
     def _told(
         self, x: Array, unsure: Array, touch: Touch, along: Array, peak: Array, axle: int, changed: Array
@@ -330,26 +331,22 @@ class FrictionBank(eqx.Module):
 
     def _mixed(self, state: BankState, distance: Array, dt: Array) -> BankState:
         """The road's friction drifts or changes over a distance; a hypothesis that is born anew inherits."""
-        p = state.weight
         spacing = float(np.log(_LARGEST / _LEAST)) / (_COUNT - 1)
-        share = jnp.minimum(0.5 * _DRIFT * distance / spacing**2, 0.25)
-        edge = padded(p)
-        p = p + share * (edge[..., 2:] - 2 * p + edge[..., :-2])
+        p, begun = road_changes.moved(state.weight, self.prior, spacing, distance, dt)
         joins = -jnp.expm1(-_JOINS * distance)
-        found = joins * jnp.tile(jnp.sum(p[:, _SIDES], axis=0), (2, 1))
-        p = p.at[:, _WHEELS].multiply(1 - joins).at[slip_jump.STAYS, _WHEELS].add(found)
-        born = -jnp.expm1(-_JUMP * distance) * self.prior
+        found = joins * jnp.tile(jnp.sum(p[:, :, _SIDES], axis=1), (1, 2, 1))
+        p = p.at[:, :, _WHEELS].multiply(1 - joins).at[:, slip_jump.STAYS, _WHEELS].add(found)
         # what has none left could be what the next sample says
-        p = once(jnp.maximum(slip_jump.moved(once(p), born[None], dt), _FLOOR))
-        whole = once(jnp.sum(p, axis=0))
-        new = born / jnp.maximum(whole, _FLOOR)
+        p = once(jnp.maximum(p, _FLOOR))
+        whole = once(jnp.sum(p, axis=(0, 1)))
+        new = begun / jnp.maximum(whole, _FLOOR)
         x, P = inherit(state.x, state.P, whole[0], new[0])
         y, Y = jax.vmap(inherit)(state.y, state.Y, whole[_WHEELS], new[_WHEELS])
         return BankState(p, x, P, y, Y, state.merged, state.level)
 
     def _weights(self, state: BankState) -> Float[Array, "7 J"]:
-        """Of the hypotheses, for each part, whatever its mode."""
-        p = jnp.sum(state.weight, axis=0)
+        """Of the hypotheses, for each part, whatever its mode and the kind of road."""
+        p = jnp.sum(state.weight, axis=(0, 1))
         return once(p / jnp.sum(p, axis=1, keepdims=True))
 
     def merged(self, state: BankState) -> tuple[Array, Array]:
@@ -358,7 +355,7 @@ class FrictionBank(eqx.Module):
 
     def is_sound(self, state: BankState) -> Bool[Array, ""]:
         """Whether what it weighs and says are numbers that a car may have."""
-        return are_possible(*state.merged, jnp.sum(state.weight, axis=(0, 2)))
+        return are_possible(*state.merged, jnp.sum(state.weight, axis=(0, 1, 3)))
 
     def cornering(self, state: BankState) -> Array:
         """Mean of |F_y/F_z| of the axles, slowed; 0 where nothing tells of it."""
