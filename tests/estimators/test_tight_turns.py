@@ -1,4 +1,4 @@
-"""Roundabouts, in which tires turn in swiftly at a walking car's forces, and brakes in a bend."""
+"""Roundabouts, in which tires turn in swiftly at a walking car's forces, ramps, and brakes in a bend."""
 
 from __future__ import annotations
 
@@ -8,15 +8,18 @@ import numpy as np
 import pytest
 from benchmarks.accuracy.run import without
 from benchmarks.accuracy.scenarios import SATELLITE, Scenario, on_plant
+from benchmarks.accuracy.scenarios import driven as on_road
 from numpy.typing import NDArray
 
 from roadstate.core import Estimates, Log
 from roadstate.estimators import build
-from roadstate.run import batch
+from roadstate.run import batch, scan
 from roadstate.sim.manoeuvres import Manoeuvre, Script
 from roadstate.sim.manoeuvres.path import straight
 from roadstate.sim.roads.centreline import Bend, make_road
 from roadstate.sim.roads.friction import uniform
+from roadstate.sim.run import truth_table
+from roadstate.sim.sensors import measure, sensor_preset, to_log
 from roadstate.sim.speed_plan import SpeedPlan
 from roadstate.vehicles import Vehicle
 
@@ -51,6 +54,19 @@ def trail_braking(vehicle: Vehicle) -> Manoeuvre:
     )
 
 
+def spiral(vehicle: Vehicle) -> Manoeuvre:
+    """Up the ramp of a car park: twice around to the left, 9 m from the middle, 11 % steep."""
+    steep, around = 0.11, 1 / 9.0
+
+    def height(s: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        slope = steep * np.clip((s - 30) / 20, 0, 1)
+        return np.where(s < 50, slope * (s - 30) / 2, steep * (s - 40)), slope
+
+    bends = [Bend(60.0), Bend(10, 0, around), Bend(130, around)]
+    road = make_road(bends, friction=uniform(FRICTION), height=height)
+    return Manoeuvre("spiral", "spiral", road, 3.5, Script.write(SpeedPlan((0, 50), (3.5, 3.5))), straight())
+
+
 def driven(name: str, prepare: Callable[[Vehicle], Manoeuvre]) -> Runs:
     """By a bus, with two files of the car that are off."""
     logs = on_plant("family-car", Scenario(name, name, prepare), 2)
@@ -79,6 +95,22 @@ def test_the_road_of_a_roundabout_is_not_slippery(around: Runs) -> None:
         off = said.values["velocity_y"] - log["ref_velocity_y"]
         assert np.sqrt(np.mean(off**2)) < 0.04
         assert np.mean(np.abs(off) < 1.96 * said.std["velocity_y"]) > 0.9
+
+
+def test_a_road_that_is_twisted_leans_on_the_axles(vehicle: Vehicle) -> None:
+    """Of a car that is known, with ideal sensors: what the road bears at an angle, 110 N at either axle, is
+    no force of its tires."""
+    scenario = Scenario("spiral", "spiral", spiral)
+    truth = truth_table(on_road(vehicle, scenario))
+    log = without(to_log(measure(truth, sensor_preset("ideal"), seed=0)), SATELLITE)
+    said = scan(build("joint", vehicle, log.available), log)
+    climbs = log.time - log.time[0] > 30.0
+    assert log["ref_grade"][climbs] == pytest.approx(0.11, abs=0.002)
+    for axle, most in (("front", 70.0), ("rear", 130.0)):
+        true = sum(log[f"ref_force_y_{axle[0]}{side}"] for side in "lr")
+        off = np.mean((said.values[f"force_y_{axle}"] - true)[climbs])
+        assert abs(off) < most
+        assert abs(off) < 1.5 * np.mean(said.std[f"force_y_{axle}"][climbs])
 
 
 def test_an_inner_wheel_that_locks_is_no_grip(braked: Runs) -> None:

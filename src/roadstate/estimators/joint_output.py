@@ -106,7 +106,9 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
     if joint.signals.has[ACCEL_Y] and not joint.knows_sides:
         sharp = jnp.abs(forces.accel[1]) / GRAVITY
     sharp = sharp / jnp.maximum(jnp.abs(mean[SPEED]), SLOWEST)
-    sway = sharp * side_std[V_Y]
+    # and so does what pulls an accelerometer that is not in the car's middle away from it
+    swings = root(in_default(joint.bank.motion.first[LEVER, LEVER])) * GRAVITY * sharp
+    sway = sharp * rss(side_std[V_Y], swings)
     uneven = _UNEVEN * jnp.min(forces.shaken) / root(jnp.maximum(jnp.abs(mean[SPEED]), 1.0))
     unsure = rss(std[SLOPE] / GRAVITY, sway, uneven)
     tell("grade", grade, unsure / jnp.cos(grade))
@@ -138,7 +140,9 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
     used, used_std = _used(forces, straight, across, leads, lasting, shaken)
     tell("friction_used", used, rss(used_std, 0.1 * jnp.minimum(state.signals.age[ACCEL_X], 10.0), aside))
     if joint.knows_sides:
-        tell("velocity_y", side[V_Y], side_std[V_Y])
+        # tires tell how the axles move, but not where between them the middle is
+        place = _CG_ERROR * joint.forces.balance.car.wheelbase
+        tell("velocity_y", side[V_Y], rss(side_std[V_Y], place * state.signals.smooth[YAW_RATE]))
         bank = jnp.arcsin(jnp.clip(side[BANK] / GRAVITY, -0.99, 0.99))
         tell("bank", bank, side_std[BANK] / (GRAVITY * jnp.cos(bank)))
     along = scale * straight
