@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from benchmarks.accuracy.run import without
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 
 from roadstate.core import Estimates, Log
 from roadstate.estimators import build
+from roadstate.estimators.axle_forces import gains_aside, steered_cosines
 from roadstate.run import batch, scan
 from roadstate.sim.manoeuvres import Manoeuvre, Script
 from roadstate.sim.manoeuvres.path import straight
@@ -95,6 +97,18 @@ def test_the_road_of_a_roundabout_is_not_slippery(around: Runs) -> None:
         off = said.values["velocity_y"] - log["ref_velocity_y"]
         assert np.sqrt(np.mean(off**2)) < 0.04
         assert np.mean(np.abs(off) < 1.96 * said.std["velocity_y"]) > 0.9
+
+
+@pytest.mark.parametrize("radius", [6.0, 9.0, -9.0, 20.0])
+def test_wheels_that_roll_around_a_point_all_tell_the_same_speed(vehicle: Vehicle, radius: float) -> None:
+    """Each by how it moves; were the yaw rate's share the same in front they would be 1 % apart at 9 m."""
+    speed, length, beside = 3.2, vehicle.wheelbase, np.array(vehicle.geometry.half_tracks)
+    turning = speed / radius
+    rolls = np.hypot(speed - beside * turning, [length * turning, length * turning, 0, 0])
+    turn = steered_cosines(jnp.cos(jnp.arctan(length / radius)))
+    told = np.asarray(turn * rolls + gains_aside(jnp.asarray(beside), turn) * turning)
+    np.testing.assert_allclose(told, speed, rtol=2e-3)
+    assert np.ptp(np.asarray(turn) * rolls + beside * turning) > (0.01 if abs(radius) < 10 else 1e-3) * speed
 
 
 def test_a_road_that_is_twisted_leans_on_the_axles(vehicle: Vehicle) -> None:

@@ -106,6 +106,19 @@ def steered_cosines(cosine: Float[Array, ""]) -> Float[Array, " 4"]:
     return jnp.stack([cosine, cosine, ahead, ahead])
 
 
+def gains_aside(half_track: Float[Array, " 4"], turn: Float[Array, " 4"]) -> Float[Array, " 4"]:
+    """(4,) m: v_x of a car less ``turn`` times a wheel's speed, over the yaw rate.
+
+    At y to the left a wheel of the front axle moves by (v_x − y r) cos δ + (v_y + l_f r) sin δ where it
+    points, with v_y + l_f r = v_x tan δ as it rolls: v_x/cos δ − y r cos δ in all.
+
+    Args:
+        half_track: y of the wheels, m.
+        turn: :func:`steered_cosines`.
+    """
+    return half_track * turn**2
+
+
 def held_back(across: Float[Array, ""], steer: Float[Array, ""], front: Float[Array, ""]) -> Float[Array, ""]:
     """By what specific force, m/s², the front tires of a car that turns hold it back.
 

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from roadstate.core.constants import GRAVITY
-from roadstate.estimators.axle_forces import steered_cosines
+from roadstate.estimators.axle_forces import gains_aside, steered_cosines
 from roadstate.estimators.base import leaf
 from roadstate.estimators.intake import (
     ACCEL_Y,
@@ -151,7 +151,7 @@ class Radii(eqx.Module):
         rim = spin / (1 + slip * jnp.sign(spin)) * turn
         is_told = jnp.minimum(seen.age[YAW_RATE], seen.age[ACCEL_Y]) < STALE
         turning = jnp.where(is_told, turning, self._turns(rim, told))
-        rim = rim + self.half_track * turning
+        rim = rim + gains_aside(self.half_track, turn) * turning
         middle, _, count = inner_mean(rim, told)
         moves = jnp.abs(middle) > _SLOWEST
         apart = rim / jnp.where(moves, middle, 1.0) - 1

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from roadstate.core.constants import GRAVITY
-from roadstate.estimators.axle_forces import AxleForces, steered_cosines
+from roadstate.estimators.axle_forces import AxleForces, gains_aside, steered_cosines
 from roadstate.estimators.base import leaf
 from roadstate.estimators.intake import ACCEL_X, ACCEL_Y, SPIN, STALE, STEER, YAW_RATE, Signals
 from roadstate.estimators.signals import Held
@@ -315,7 +315,8 @@ class Redundancy(eqx.Module):
         # the speed
         half = 0.5 * jnp.stack([self.track[0], -self.track[0], self.track[1], -self.track[1]])
         rate = jnp.where(known[YAW_RATE], smooth[YAW_RATE], 0.0)
-        rims = self.radius * spin * steered_cosines(cosine) + half * rate
+        turn = steered_cosines(cosine)
+        rims = self.radius * spin * turn + gains_aside(half, turn) * rate
         rims_std = _WHEEL[0] + jnp.abs(speed) * (_WHEEL[1] + 2 * slip)
         free = (used < _HELD) & (excused <= 0)
         value = jnp.concatenate([jnp.stack(along), *turning, rims, signal.value[None]])

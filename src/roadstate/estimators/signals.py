@@ -212,7 +212,8 @@ class SpeedMeter(eqx.Module):
                     if f"wheel_speed_{wheel}" in self.channels:
                         seen, turning = _split(sample[f"wheel_speed_{wheel}"])
                         rolling = self._radius * turning * along
-                        moves = signed(rolling, direction) + side * yaw_rate * self._half_track[axle]
+                        beside = side * self._half_track[axle] * along**2
+                        moves = signed(rolling, direction) + beside * yaw_rate
                         here.append(seen)
                         sides.append(jnp.where(seen, moves, 0))
                 count = sum(here, jnp.zeros((), jnp.int32))

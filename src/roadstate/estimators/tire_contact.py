@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from roadstate.core.constants import GRAVITY
-from roadstate.estimators.axle_forces import AxleForces, by_axle, steered_cosines
+from roadstate.estimators.axle_forces import AxleForces, by_axle, gains_aside, steered_cosines
 from roadstate.estimators.base import leaf
 from roadstate.estimators.force_balance import SWAY_ARM
 from roadstate.estimators.intake import ACCEL_Y, SMOOTHING, SPIN, STALE, STEER, YAW_RATE, Signals
@@ -140,7 +140,8 @@ class TireContact(eqx.Module):
         lateral = (late[YAW_RATE] * gains + lag * slowed) / (late[YAW_RATE] + lag)
         turn = steered_cosines(jnp.cos(seen.smooth[STEER]))
         # as late as the wheels' speeds are
-        ground = (speed - (late[SPIN] + WHEEL_DELAY) * accel - self.half_track * seen.smooth[YAW_RATE]) / turn
+        ahead = speed - (late[SPIN] + WHEEL_DELAY) * accel
+        ground = (ahead - gains_aside(self.half_track, turn) * seen.smooth[YAW_RATE]) / turn
         ground = jnp.where(jnp.abs(ground) < 1.0, jnp.where(ground < 0, -1.0, 1.0), ground)
         slip = jnp.clip((radius * seen.smooth[SPIN] - ground) / jnp.abs(ground), -1.0, 10.0)
         # a wheel that hops is no surer of its slip at the turning points

@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float
 
 from roadstate.estimators import agreement
 from roadstate.estimators.agreement import BEARS, DEAD_BAND, TOGETHER
-from roadstate.estimators.axle_forces import AxleForces, steered_cosines
+from roadstate.estimators.axle_forces import AxleForces, gains_aside, steered_cosines
 from roadstate.estimators.base import leaf
 from roadstate.estimators.intake import SPIN, STALE, STEER, YAW_RATE, Signals
 from roadstate.estimators.signals import NEVER
@@ -227,8 +227,9 @@ class Rims(eqx.Module):
         own = radius * spin / (1 + slip * jnp.sign(spin))
         late = jnp.minimum(_TOOTH[0] / jnp.maximum(jnp.abs(car.speed), 1e-3), _TOOTH[1])
         late = jnp.where(jnp.abs(own) > 0, late, 0.0)
-        rim = own * turn + self.half_track * car.turning + (WHEEL_DELAY + late) * car.accel
-        gains = radius * seen.rate[SPIN] * turn + self.half_track * seen.rate[YAW_RATE] - car.accel
+        aside = gains_aside(self.half_track, turn)
+        rim = own * turn + aside * car.turning + (WHEEL_DELAY + late) * car.accel
+        gains = radius * seen.rate[SPIN] * turn + aside * seen.rate[YAW_RATE] - car.accel
         return _Told(rim, own, late, gains, seen.age[SPIN] < STALE)
 
     def _outruns(self, wheels: _Told, car: Motion) -> Float[Array, " 4"]:
