@@ -11,24 +11,58 @@ from collections.abc import Iterator
 
 import numpy as np
 from benchmarks.accuracy.run import without
-from benchmarks.accuracy.scenarios import SATELLITE, SCENARIOS, on_plant
+from benchmarks.accuracy.scenarios import SATELLITE, SCENARIOS, Scenario, on_plant
 from benchmarks.real_logs import table
 
 from roadstate.core import Log
+from roadstate.core.constants import GRAVITY
 from roadstate.core.numerics import use_compilation_cache
 from roadstate.estimators import build
 from roadstate.metrics import NORMAL_95
 from roadstate.run import batch
+from roadstate.sim.manoeuvres import Manoeuvre, Script
+from roadstate.sim.manoeuvres.path import straight
+from roadstate.sim.roads.centreline import Bend, make_road
+from roadstate.sim.roads.friction import uniform
+from roadstate.sim.speed_plan import SpeedPlan
 from roadstate.vehicles import Vehicle
 
-DRIVES = (
-    *("straight-variable-speed", "curve-variable-speed", "double-lane-change-85-0.8"),
-    *("joint-acceleration-0.8-0.2", "joint-braking-0.8-0.2"),
-)
 _VEHICLES = ("family-car", "suv", "in-wheel-ev")
 _EVERY = (1, 2, 5, 10)
 _SETTLE = 5.0  # s that do not count, but of a drive that is hardly longer
 _LOW = 0.6  # share of the road's friction below which a middle value is a false alarm
+
+
+def winding(vehicle: Vehicle) -> Manoeuvre:
+    """Ten bends of 70 m to either side on a road of .5, the last ones with nearly all of its friction."""
+    bends = [Bend(60.0)]
+    for i in range(10):
+        sharp = (1 if i % 2 else -1) / 70.0
+        bends += [Bend(20.0, 0.0, sharp), Bend(35.0, sharp), Bend(20.0, sharp, 0.0), Bend(10.0)]
+    road = make_road([*bends, Bend(500.0)], friction=uniform(0.5))
+    plan = SpeedPlan((0.0, 60.0), (14.0, 16.5))
+    return Manoeuvre("winding", "bends of 70 m on .5", road, 14.0, Script.write(plan), straight())
+
+
+def lifted_off(vehicle: Vehicle) -> Manoeuvre:
+    """Into a bend of 60 m on a road of .4, faster to four fifths of its friction, and off the pedals."""
+    road = make_road([Bend(60.0), Bend(25.0, 0.0, 1 / 60), Bend(3000.0, 1 / 60)], friction=uniform(0.4))
+    fast = (0.8 * 0.4 * GRAVITY * 60) ** 0.5
+    plan = SpeedPlan((0.0, 6.0, 10.0, 30.0), (0.7 * fast, 0.7 * fast, fast, fast))
+    script = Script.write(plan, pedals_from=13.0)
+    return Manoeuvre("lifted-off", "off the pedals in a bend of .4", road, plan.speed[0], script, straight())
+
+
+DRIVES = {
+    name: SCENARIOS[name]
+    for name in (
+        *("straight-variable-speed", "curve-variable-speed", "double-lane-change-85-0.8"),
+        *("joint-acceleration-0.8-0.2", "joint-braking-0.8-0.2"),
+    )
+} | {
+    "winding-0.5": Scenario("winding-0.5", "bends of 70 m on .5", winding),
+    "lifted-off-0.4": Scenario("lifted-off-0.4", "off the pedals in a bend of .4", lifted_off),
+}
 
 
 def thinned(log: Log, every: int) -> Log:
@@ -66,7 +100,7 @@ def study(count: int) -> Iterator[tuple[str, dict[str, float]]]:
     for drive in DRIVES:
         for vehicle in _VEHICLES:
             print(f"{drive}, {vehicle}", file=sys.stderr)
-            logs = [(without(log, SATELLITE), car) for log, car in on_plant(vehicle, SCENARIOS[drive], count)]
+            logs = [(without(log, SATELLITE), car) for log, car in on_plant(vehicle, DRIVES[drive], count)]
             for every in _EVERY:
                 found = judged([(thinned(log, every), car) for log, car in logs])
                 yield f"{drive}, {vehicle}, {100 // every} Hz", found

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from jaxtyping import Array, Float
 
+from roadstate.core.constants import GRAVITY
 from roadstate.estimators.contact_forces import ForceMeter
 from roadstate.estimators.intake import ACCEL_Y, SMOOTHING, SPIN, STEER, WHEEL_SPEEDS, YAW_RATE, Signals
 from roadstate.estimators.sideways import SLIP_ERROR, Touch
@@ -40,6 +41,7 @@ def touched(
     vehicle: Vehicle,
     motion: Float[Array, "t 4"],
     slip: Float[Array, "t 4"] | None = None,
+    noise: float = 0.0,
 ) -> Touch:
     """Of samples of that, and of wheels that slip: (t, ...)."""
     forces = ForceMeter(vehicle, (*WHEEL_SPEEDS, "accel_x", "accel_y", "yaw_rate", "steer")).nothing()
@@ -56,8 +58,8 @@ def touched(
         new = smooth + keep * (value - smooth)
         seen = Signals(
             value=value, age=still, is_fresh=jnp.ones(8, bool), smooth=new, rate=(new - smooth) / DT,
-            lag=still + DT * (1 / keep - 1), noise=still, now=value, now_rate=still, shaken=jnp.zeros(2),
-            is_faulty=jnp.zeros(8, bool),
+            lag=still + DT * (1 / keep - 1), noise=still + noise, now=value, now_rate=still,
+            shaken=jnp.zeros(2), is_faulty=jnp.zeros(8, bool),
         )  # fmt: skip
         memory, touch = contact.touch(
             memory, seen, known, jnp.asarray(SPEED), (zero, zero), zero, jnp.zeros(2),
@@ -107,3 +109,16 @@ def test_a_wheel_that_hops_is_unsure_of_its_slip_where_that_turns_as_well(
     np.testing.assert_allclose(unsure[np.asarray(time < 1.0)], SLIP_ERROR, rtol=1e-6)
     np.testing.assert_allclose(unsure[np.asarray(time > 1.7), 0], SLIP_ERROR, rtol=0.01)
     np.testing.assert_allclose(unsure[:, 1:], SLIP_ERROR, rtol=1e-6)
+
+
+def test_what_few_samples_leave_of_noise_is_in_the_force(vehicle: Vehicle) -> None:
+    """At 100 Hz the low pass leaves σ²/(2 T f) of a sample's σ²; of one that it keeps whole, all."""
+    contact = TireContact(vehicle)
+    motion = jnp.zeros((1, 4))
+    still = np.asarray(touched(contact, vehicle, motion).shaken)
+    density = vehicle.sensors.accel.noise_density / GRAVITY
+    many = np.asarray(touched(contact, vehicle, motion, noise=0.0997).shaken)
+    few = np.asarray(touched(contact, vehicle, motion, noise=1.0).shaken)
+    np.testing.assert_allclose(still, 0.0, atol=1e-12)
+    np.testing.assert_allclose(many[0], [0.0, density / (2 * SMOOTHING) ** 0.5], rtol=1e-6)
+    np.testing.assert_allclose(few[0], [0.0, density * 100**0.5], rtol=0.01)

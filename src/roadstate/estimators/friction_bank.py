@@ -16,10 +16,9 @@ from roadstate.core.kernel import once
 from roadstate.core.numerics import in_default, in_single
 from roadstate.estimators import road_changes, slip_jump
 from roadstate.estimators.astray import are_possible
-from roadstate.estimators.base import SILENT_STEP, leaf
+from roadstate.estimators.base import SILENT_STEP
 from roadstate.estimators.friction_curve import Grip, bounded, chord, elastic, theoretical_slip
 from roadstate.estimators.friction_wheels import Aside, Wheels
-from roadstate.estimators.intake import SMOOTHING
 from roadstate.estimators.mixture import follow, inherit, learn, likeliest, moments, weigh
 from roadstate.estimators.sideways import (
     BANK,
@@ -52,6 +51,8 @@ _LEAST, _LARGEST, _COUNT = 0.06, 1.35, 32  # a power of two: XLA vectorises it
 _ELSEWHERE = 0.5  # prior probability of a road that is not dry
 # 1/m: how soon what a side's wheels have found of its road is taken to hold for each of them
 _JOINS = 1 / 5.0
+# 1σ of an F_y over load by how the body leans, which v_y follows as it does the force: a share of it, up to
+_LEANS = (0.05, 0.0115)
 _SIDESLIP = (0.1, 0.03)  # rad: 1σ of the rear axle's slip angle where friction is 1, and at the least
 _SPUN = 2.0  # rad: of a car that spins
 _SLIDES = 1.0  # s in which it becomes another one
@@ -169,7 +170,6 @@ class FrictionBank(eqx.Module):
     prior: Float[Array, " J"]
     motion: Sideways
     wheels: Wheels
-    _shake: Float[Array, ""]
 
     def __init__(self, vehicle: Vehicle, available: Collection[str]) -> None:
         tires = vehicle.tires
@@ -181,9 +181,6 @@ class FrictionBank(eqx.Module):
         prior = (1 - _ELSEWHERE) * dry / dry.sum() + _ELSEWHERE * other / other.sum()
         self.friction, self.prior = in_single((jnp.asarray(grid), jnp.asarray(prior)))
         self.motion, self.wheels = in_single((Sideways(vehicle, available), Wheels(vehicle)))
-        # what the low pass leaves of the accelerometer's white noise in a force over load
-        shake = leaf(vehicle.sensors.accel.noise_density / GRAVITY / (2 * SMOOTHING) ** 0.5)
-        self._shake = in_single(shake)
 
     def init(self) -> BankState:
         """The prior."""
@@ -298,7 +295,8 @@ class FrictionBank(eqx.Module):
             rows[STEER_BIAS] = -by_angle * jnp.sign(touch.speed)
             rows[GIVE_F] = -by_angle * touch.across[0] * twisting(touch, self.friction)
         turning, gain = touch.across_std[axle] ** 2, (1 + gives * by_angle) ** 2
-        noise = self._shake**2 + FORCE_ERROR[0] ** 2 + (FORCE_ERROR[1] * measured) ** 2
+        leans = jnp.minimum(_LEANS[0] * jnp.abs(measured), _LEANS[1]) ** 2
+        noise = FORCE_ERROR[0] ** 2 + (FORCE_ERROR[1] * measured) ** 2 + leans
         noise = noise + turning + touch.shaken[1] ** 2
         heads = changed * _ANGLE_ERROR[0] ** 2 + (1 - changed) * _TOE**2
         astray = heads + (_ANGLE_ERROR[1] * touch.angle[axle]) ** 2 + (_SWAYS / speed**2) ** 2
@@ -309,7 +307,7 @@ class FrictionBank(eqx.Module):
         repeats = jnp.where(known, turning * gain / jnp.where(known, noise, 1.0), 0.0)
         noise = jnp.where(known, noise, 1e12)
         # where a tire bends, its force tells little of how far it slips; toe replaces what angles err by
-        apart = (_BEND * (linear - here.across)) ** 2 + (_TOE**2 - astray) * by_angle**2
+        apart = (_BEND * (linear - here.across)) ** 2 + (_TOE**2 - astray) * by_angle**2 - leans * gain
         return _Told(jnp.stack(rows), innovation, noise, apart, repeats, known)
 
     def _of_jumps(self, jumps: slip_jump.Told) -> Float[Array, "3 7 J"]:

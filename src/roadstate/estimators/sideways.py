@@ -80,7 +80,8 @@ class Touch(NamedTuple):
         slip_shared: 1σ of what speed's error adds to all, and lasts.
         across_std, along_std: 1σ of the forces over load beyond the model's own; infinite where unknown.
         split_std: (4,) the part of the latter that lasts: of how wheels share what they bear together.
-        shaken: (2,) 1σ of the forces over load, along and across, by which tires bounce on a rough road.
+        shaken: (2,) 1σ of the forces over load, along and across, by which tires bounce on a rough road, and
+            by an accelerometer's noise.
         load: (4,) of the wheels over their mean.
         lag: s by which ``angle`` lags, and so v_y must.
         banking: g times the rate of the road's bank, m/s³, and its white error, m/s³/√Hz, infinite where

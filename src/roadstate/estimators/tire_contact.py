@@ -62,6 +62,7 @@ class TireContact(eqx.Module):
         places: (2,) of the axles ahead of the centre of gravity, m.
         sway: m by which the tires are left behind to the left as the body leans, per m/s² across.
         half_track: (4,) of the wheels to the left, m.
+        shake: 1σ of white noise in a sample of the accelerometer, over g.
     """
 
     radius: Float[Array, ""]
@@ -70,6 +71,7 @@ class TireContact(eqx.Module):
     places: Float[Array, " 2"]
     sway: Float[Array, ""]
     half_track: Float[Array, " 4"]
+    shake: Float[Array, ""]
 
     def __init__(self, vehicle: Vehicle) -> None:
         geometry = vehicle.geometry
@@ -79,6 +81,7 @@ class TireContact(eqx.Module):
         self.places = jnp.asarray([geometry.cg_to_front_axle, -geometry.cg_to_rear_axle])
         self.sway = leaf(SWAY_ARM * geometry.cg_height * vehicle.body.roll_gradient)
         self.half_track = jnp.asarray(np.array(geometry.half_tracks))
+        self.shake = leaf(vehicle.sensors.accel.noise_density / GRAVITY / (2 * SMOOTHING * _USUAL) ** 0.5)
 
     def init(self) -> ContactState:
         """Straight ahead and rolling."""
@@ -154,6 +157,8 @@ class TireContact(eqx.Module):
         steered = jnp.where(seen.age[STEER] < STALE, 0.0, jnp.asarray([jnp.inf, 0.0]))
         # anti-lock brakes shake a car along, swift steering across, but only a rough road both ways
         shaken = jnp.asarray(_SHAKEN, load.dtype) * jnp.min(forces.shaken) / GRAVITY
+        # the fewer samples, the less the low pass takes off their noise
+        white = self.shake * root(seen.noise[ACCEL_Y])
         touch = Touch(
             speed=speed,
             accel_y=seen.value[ACCEL_Y],
@@ -170,7 +175,7 @@ class TireContact(eqx.Module):
             across_std=rss(forces.across_std, _LAG_ERROR * across_rate) + steered,
             along_std=rss(forces.along_std, _LAG_ERROR * along_rate) + unknown,
             split_std=forces.along_std,
-            shaken=shaken,
+            shaken=shaken.at[1].set(rss(shaken[1], white)),
             load=load / jnp.mean(load),
             lag=lag + late[YAW_RATE],
             banking=banking,
