@@ -2,89 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from benchmarks.accuracy import scenarios
 from benchmarks.accuracy.run import without
-from benchmarks.accuracy.scenarios import SATELLITE, Scenario, on_plant
-from benchmarks.accuracy.scenarios import driven as on_road
-from numpy.typing import NDArray
+from benchmarks.accuracy.scenarios import SATELLITE
+from benchmarks.tight_turns import DRIVES, FRICTION, driven
 
 from roadstate.core import Estimates, Log
 from roadstate.estimators import build
 from roadstate.estimators.axle_forces import gains_aside, steered_cosines
-from roadstate.run import batch, scan
-from roadstate.sim.manoeuvres import Manoeuvre, Script
-from roadstate.sim.manoeuvres.path import straight
-from roadstate.sim.roads.centreline import Bend, make_road
-from roadstate.sim.roads.friction import uniform
+from roadstate.run import scan
 from roadstate.sim.run import truth_table
 from roadstate.sim.sensors import measure, sensor_preset, to_log
-from roadstate.sim.speed_plan import SpeedPlan
 from roadstate.vehicles import Vehicle
 
-FRICTION = 0.85
-RADIUS, CIRCUITS = 20.0, 2
 Runs = list[tuple[Log, Estimates]]
-
-
-def roundabouts(vehicle: Vehicle) -> Manoeuvre:
-    """To the right, around to the left, and out to the right: each within 6 m, .9 s."""
-    inward, around = -1 / (1.2 * RADIUS), 1 / RADIUS
-    bends = [Bend(80.0)]
-    for _ in range(CIRCUITS):
-        turns = [Bend(6, 0, inward), Bend(10, inward), Bend(6, inward, around)]
-        back = [Bend(6, around, inward), Bend(10, inward), Bend(6, inward, 0)]
-        bends += [*turns, Bend(60, around), *back, Bend(80.0)]
-    speed = SpeedPlan((0, 48), (7.0, 7.0))
-    road = make_road([*bends, Bend(200.0)], friction=uniform(FRICTION))
-    return Manoeuvre("roundabouts", "roundabouts", road, 7.0, Script.write(speed), straight())
-
-
-def trail_braking(vehicle: Vehicle) -> Manoeuvre:
-    """Braked for four seconds in a bend of .7 g."""
-    road = make_road([Bend(120.0), Bend(40, 0, 1 / 80), Bend(900, 1 / 80)], friction=uniform(FRICTION))
-    plan = SpeedPlan((0, 20), (23.0, 23.0))
-
-    def brake(time: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.interp(time, [12, 12.5, 16, 17], [0, 0.35, 0.35, 0])
-
-    return Manoeuvre(
-        "trail", "trail braking", road, 23.0, Script.write(plan, pedals_from=12.0, brake=brake), straight()
-    )
-
-
-def spiral(vehicle: Vehicle) -> Manoeuvre:
-    """Up the ramp of a car park: twice around to the left, 9 m from the middle, 11 % steep."""
-    steep, around = 0.11, 1 / 9.0
-
-    def height(s: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        slope = steep * np.clip((s - 30) / 20, 0, 1)
-        return np.where(s < 50, slope * (s - 30) / 2, steep * (s - 40)), slope
-
-    bends = [Bend(60.0), Bend(10, 0, around), Bend(130, around)]
-    road = make_road(bends, friction=uniform(FRICTION), height=height)
-    return Manoeuvre("spiral", "spiral", road, 3.5, Script.write(SpeedPlan((0, 50), (3.5, 3.5))), straight())
-
-
-def driven(name: str, prepare: Callable[[Vehicle], Manoeuvre]) -> Runs:
-    """By a bus, with two files of the car that are off."""
-    logs = on_plant("family-car", Scenario(name, name, prepare), 2)
-    buses = [without(log, SATELLITE) for log, _ in logs]
-    cars = [build("joint", car, log.available) for (_, car), log in zip(logs, buses, strict=True)]
-    return list(zip(buses, batch(cars, buses), strict=True))
 
 
 @pytest.fixture(scope="module")
 def around() -> Runs:
-    return driven("roundabouts", roundabouts)
+    return driven("family-car", "roundabouts", 2)
 
 
 @pytest.fixture(scope="module")
 def braked() -> Runs:
-    return driven("trail", trail_braking)
+    return driven("family-car", "trail braking", 2)
 
 
 def test_the_road_of_a_roundabout_is_not_slippery(around: Runs) -> None:
@@ -114,8 +58,7 @@ def test_wheels_that_roll_around_a_point_all_tell_the_same_speed(vehicle: Vehicl
 def test_a_road_that_is_twisted_leans_on_the_axles(vehicle: Vehicle) -> None:
     """Of a car that is known, with ideal sensors: what the road bears at an angle, 110 N at either axle, is
     no force of its tires."""
-    scenario = Scenario("spiral", "spiral", spiral)
-    truth = truth_table(on_road(vehicle, scenario))
+    truth = truth_table(scenarios.driven(vehicle, DRIVES["ramp"]))
     log = without(to_log(measure(truth, sensor_preset("ideal"), seed=0)), SATELLITE)
     said = scan(build("joint", vehicle, log.available), log)
     climbs = log.time - log.time[0] > 30.0

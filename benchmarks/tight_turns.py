@@ -1,0 +1,167 @@
+"""Roundabouts, hairpins, the ramp of a car park, and brakes in a bend, by the estimator `joint`.
+
+``python -m benchmarks.tight_turns`` prints the table of ``benchmarks/results/tight_turns.md``: cars on the
+multibody plant, production sensors without satellites, vehicle files that are off by 5 to 10 %, a dry road.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from functools import partial
+from typing import Any
+
+import numpy as np
+from benchmarks.accuracy.measures import interval
+from benchmarks.accuracy.run import without
+from benchmarks.accuracy.scenarios import SATELLITE, VEHICLES, Scenario, on_plant
+from benchmarks.real_logs import table
+from numpy.typing import NDArray
+
+from roadstate.core import Estimates, InputError, Log, reference
+from roadstate.core.numerics import use_compilation_cache
+from roadstate.estimators import build
+from roadstate.run import batch
+from roadstate.sim.manoeuvres import Manoeuvre, Script
+from roadstate.sim.manoeuvres.path import straight
+from roadstate.sim.roads.centreline import Along, Bend, make_road
+from roadstate.sim.roads.friction import uniform
+from roadstate.sim.roads.road import Road
+from roadstate.sim.speed_plan import SpeedPlan
+from roadstate.vehicles import Vehicle
+
+Array = NDArray[np.floating[Any]]
+FRICTION = 0.85
+_ROUNDABOUT, _CIRCUITS = 20.0, 2  # m, and how often
+_HAIRPIN, _HAIRPINS = 12.0, 6  # likewise
+_RAMP = 9.0  # m
+_SETTLE = 5.0  # s
+_QUANTITIES = {
+    "grade, %": ("grade", 100.0),
+    "v_y, m/s": ("velocity_y", 1.0),
+    "F_y front, N": ("force_y_front", 1.0),
+    "rear": ("force_y_rear", 1.0),
+}
+
+
+def roundabouts(vehicle: Vehicle) -> Manoeuvre:
+    """To the right, around to the left, and out to the right: each within 6 m, .9 s."""
+    inward, around = -1 / (1.2 * _ROUNDABOUT), 1 / _ROUNDABOUT
+    bends = [Bend(80.0)]
+    for _ in range(_CIRCUITS):
+        turns = [Bend(6, 0, inward), Bend(10, inward), Bend(6, inward, around)]
+        back = [Bend(6, around, inward), Bend(10, inward), Bend(6, inward, 0)]
+        bends += [*turns, Bend(60, around), *back, Bend(80.0)]
+    road = make_road([*bends, Bend(200.0)], friction=uniform(FRICTION))
+    return _steady("roundabouts", road, 7.0, 48.0)
+
+
+def hairpins(vehicle: Vehicle, *, slope: float) -> Manoeuvre:
+    """By turns to the right and to the left, 12 m from the middle, on a road that climbs or falls."""
+    bends = [Bend(60.0)]
+    for i in range(_HAIRPINS):
+        sharp = (1 if i % 2 else -1) / _HAIRPIN
+        bends += [Bend(8.0, 0.0, sharp), Bend(30.0, sharp), Bend(8.0, sharp, 0.0), Bend(30.0)]
+    road = make_road([*bends, Bend(200.0)], friction=uniform(FRICTION), height=_climb(slope))
+    return _steady("hairpins", road, 6.0, 80.0)
+
+
+def ramp(vehicle: Vehicle) -> Manoeuvre:
+    """Up the ramp of a car park: twice around to the left, 9 m from the middle, 11 % steep."""
+    bends = [Bend(60.0), Bend(10, 0, 1 / _RAMP), Bend(130, 1 / _RAMP)]
+    road = make_road(bends, friction=uniform(FRICTION), height=_climb(0.11))
+    return _steady("ramp", road, 3.5, 50.0)
+
+
+def trail_braking(vehicle: Vehicle) -> Manoeuvre:
+    """Braked for four seconds in a bend of .7 g."""
+    road = make_road([Bend(120.0), Bend(40, 0, 1 / 80), Bend(900, 1 / 80)], friction=uniform(FRICTION))
+    plan = SpeedPlan((0, 20), (23.0, 23.0))
+
+    def brake(time: Array) -> Array:
+        return np.interp(time, [12, 12.5, 16, 17], [0, 0.35, 0.35, 0])
+
+    script = Script.write(plan, pedals_from=12.0, brake=brake)
+    return Manoeuvre("trail", "trail braking", road, 23.0, script, straight())
+
+
+DRIVES = {
+    "roundabouts": Scenario("roundabouts", "roundabouts of 20 m", roundabouts),
+    "hairpins, 8 % up": Scenario("hairpins", "hairpins of 12 m, uphill", partial(hairpins, slope=0.08)),
+    "10 % down": Scenario("hairpins-down", "hairpins of 12 m, downhill", partial(hairpins, slope=-0.1)),
+    "ramp": Scenario("ramp", "a car park's ramp", ramp),
+    "trail braking": Scenario("trail", "braked in a bend of .7 g", trail_braking),
+}
+
+
+def _climb(slope: float) -> Along:
+    """Level for 30 m, then within 20 m the slope that stays."""
+
+    def height(s: Array) -> tuple[Array, Array]:
+        rise = slope * np.clip((s - 30) / 20, 0, 1)
+        return np.where(s < 50, rise * (s - 30) / 2, slope * (s - 40)), rise
+
+    return height
+
+
+def _steady(name: str, road: Road, speed: float, seconds: float) -> Manoeuvre:
+    plan = SpeedPlan.constant(speed, seconds)
+    return Manoeuvre(name, name, road, speed, Script.write(plan), straight())
+
+
+def driven(vehicle: str, drive: str, count: int) -> list[tuple[Log, Estimates]]:
+    """Recordings of one of :data:`DRIVES` by a bus, and what `joint` says of each."""
+    logs = on_plant(vehicle, DRIVES[drive], count)
+    buses = [without(log, SATELLITE) for log, _ in logs]
+    built = [build("joint", car, log.available) for (_, car), log in zip(logs, buses, strict=True)]
+    return list(zip(buses, batch(built, buses), strict=True))
+
+
+def judged(runs: list[tuple[Log, Estimates]]) -> dict[str, float]:
+    """RMSE of quantities and the share (%) within their 95 % interval; shares within friction's bounds."""
+    found: dict[str, float] = {}
+    for name, (quantity, unit) in _QUANTITIES.items():
+        errors, inside = zip(*(_of(log, said, quantity) for log, said in runs), strict=True)
+        found[name] = unit * float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))
+        found[f"{name.split(',')[0]} inside"] = 100 * float(np.mean(np.concatenate(inside)))
+    for end, below in (("lower", True), ("upper", False)):
+        bounds = [said.values[f"friction_peak_{end}"][_counts(log)] for log, said in runs]
+        found[f"{end} bound"] = 100 * float(np.mean((np.concatenate(bounds) <= FRICTION) == below))
+    return found
+
+
+def _counts(log: Log) -> NDArray[np.bool_]:
+    return np.asarray(log.time - log.time[0] >= _SETTLE)
+
+
+def _of(log: Log, said: Estimates, quantity: str) -> tuple[Array, NDArray[np.bool_]]:
+    truth, ends = reference(quantity, log.channels), interval(said, quantity)
+    if truth is None or ends is None:
+        raise InputError(f"no {quantity}, or nothing to hold it against")
+    counts = _counts(log)
+    return (said.values[quantity] - truth)[counts], ((ends[0] <= truth) & (truth <= ends[1]))[counts]
+
+
+def study(count: int) -> Iterator[tuple[str, dict[str, float]]]:
+    """Row after row: the drive and the car."""
+    for drive in DRIVES:
+        for vehicle in VEHICLES:
+            print(f"{drive}, {vehicle}", file=sys.stderr)
+            yield f"{drive}, {vehicle}", judged(driven(vehicle, drive, count))
+
+
+def main() -> None:
+    """Print the table."""
+    use_compilation_cache()
+    rows = dict(study(count=8))
+    print(
+        "# Tight turns\n\n`python -m benchmarks.tight_turns`: roundabouts of 20 m, hairpins of 12 m on a"
+        " slope, a ramp of 9 m (11 %), and\nbrakes in a bend of .7 g, on a road of"
+        f" {FRICTION}; eight recordings each. RMSE, and shares (per cent) of samples within\nthe 95 %"
+        " interval, and with the friction above its lower and below its upper 5 % bound.\n"
+    )
+    print(table("joint, bus alone", rows))
+
+
+if __name__ == "__main__":
+    main()
