@@ -44,6 +44,9 @@ _SPLIT_ERROR = 0.3  # 1σ of what each wheel brakes where nothing tells, as a sh
 _INERTIA_ERROR = 0.1  # 1σ of the yaw inertia, as a share of it
 _UNTIL_NEXT = 0.5  # 1σ of how a_y changes until its next sample, as a share of how it has
 _PLACE_ERROR = 0.05  # m: 1σ of where the IMU is along the car, once that has been learned
+# 1σ of what leans on an axle across, over its load, where a bend climbs or falls and so is twisted: as a
+# share of what its slope turns by from axle to axle
+_TWISTED = 0.5
 CALM = 0.1
 """m/s²/√Hz: error of the torques' force beyond which it is not the usual one."""
 _LATELY = 1.0  # s
@@ -258,6 +261,7 @@ class ForceMeter(eqx.Module):
         age = jnp.maximum(signals.age[ACCEL_Y], signals.age[YAW_RATE])
         missing = jnp.where(age < STALE, 0.0, jnp.inf)
         goes_on = _UNTIL_NEXT * jnp.abs(signals.rate[ACCEL_Y]) * jnp.minimum(age, STALE) / GRAVITY
+        twisted = _TWISTED * slope / GRAVITY * jnp.tan(angle)
         gust = 2 * drag / jnp.maximum(jnp.abs(speed), 1.0) * _GUST
         forces = AxleForces(
             along=slow.along,
@@ -271,7 +275,7 @@ class ForceMeter(eqx.Module):
             locking=locking,
             shaken=signals.shaken,
             along_std=split / jnp.maximum(load, 0.1 * jnp.mean(load)) + unsure,
-            across_std=rss(moment, _PLACE_ERROR * rotation / GRAVITY, goes_on) + missing,
+            across_std=rss(moment, _PLACE_ERROR * rotation / GRAVITY, goes_on, twisted) + missing,
             accel=accel,
             lean=lean,
             yaw_accel=signals.rate[YAW_RATE],

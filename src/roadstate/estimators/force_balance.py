@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from roadstate.core.constants import GRAVITY
-from roadstate.estimators.axle_forces import by_axle, damped, steered_cosines
+from roadstate.estimators.axle_forces import damped, steered_cosines
 from roadstate.estimators.base import leaf
 from roadstate.estimators.intake import SMOOTHING, SPIN, YAW_RATE
 from roadstate.estimators.unseen_brakes import UnseenBrakes
@@ -90,9 +90,7 @@ class ForceBalance(eqx.Module):
     I_w ω̇_i = T_i − R F_x,i − M_rolling per wheel; what the accelerometer says beyond the sum is distributed
     as the torques are (under brakes that no channel tells of as the file shares them, or else as the load),
     so that force over load does not depend on the mass in the file: L Y_f = l_r m a_y + I_z ṙ − M_x and
-    L Y_r = l_f m a_y − I_z ṙ + M_x, with M_x the moment of the longitudinal forces. A bend that climbs is
-    twisted: as its slope turns with it, it is banked outward under the front axle and inward under the rear
-    one by half of what it turns by from axle to axle (tan δ), and what the road bears there leans across.
+    L Y_r = l_f m a_y − I_z ṙ + M_x, with M_x the moment of the longitudinal forces.
 
     Attributes:
         car: planar dynamics under given forces; its front axle bears more of the roll moment than of the
@@ -181,6 +179,4 @@ class ForceBalance(eqx.Module):
         trail = _TRAIL * at.forward
         front = ((car.cg_to_rear_axle + trail) * car.mass * accel_y + turning) / car.wheelbase
         rear = ((car.cg_to_front_axle - trail) * car.mass * accel_y - turning) / car.wheelbase
-        leans = 0.5 * at.slope / GRAVITY * at.sine / at.cosine * by_axle(at.load)
-        front, rear = front + leans[0], rear - leans[1]
         return jnp.stack([(front - (along[0] + along[1]) * at.sine) / at.cosine, rear])
