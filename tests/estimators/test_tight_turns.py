@@ -1,4 +1,4 @@
-"""Roundabouts, in which tires turn in swiftly at a walking car's forces, ramps, and brakes in a bend."""
+"""Roundabouts, in which tires turn in swiftly at a walking car's forces, hairpins, and brakes in a bend."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def test_wheels_that_roll_around_a_point_all_tell_the_same_speed(vehicle: Vehicl
 
 def test_a_road_that_is_twisted_is_not_slippery(downhill: Runs) -> None:
     """In hairpins that fall the road leans across under either axle, and neither slides: if that did not
-    count, the upper bound would fall to .52 within a minute."""
+    count, the upper bound would fall to .7 within a minute."""
     for log, said in downhill:
         later = log.time - log.time[0] > 5.0
         assert np.mean(said.values["friction_peak_upper"][later] > FRICTION) > 0.97
