@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from functools import cache, partial
 
 import numpy as np
-from benchmarks.accuracy.measures import interval
+from benchmarks.accuracy.measures import averaged, interval
 from benchmarks.accuracy.run import without
 from benchmarks.accuracy.scenarios import SATELLITE, VEHICLES, Scenario, on_plant
 from benchmarks.real_logs import table
@@ -79,8 +79,7 @@ def recorded(vehicle: str, road: str, seed: int, count: int) -> list[tuple[Log, 
 def judged(logs: list[tuple[Log, Vehicle]], name: str) -> dict[str, float]:
     """Shares of the samples, %, in which the bounds hold the friction, and that are called excited."""
     said = batch([build(name, car, log.available) for log, car in logs], [log for log, _ in logs])
-    of_each = [_of(estimates, log) for estimates, (log, _) in zip(said, logs, strict=True)]
-    return {key: 100 * float(np.mean([one[key] for one in of_each])) for key in of_each[0]}
+    return averaged([_of(estimates, log) for estimates, (log, _) in zip(said, logs, strict=True)])
 
 
 def _of(estimates: Estimates, log: Log) -> dict[str, float]:
@@ -93,7 +92,7 @@ def _of(estimates: Estimates, log: Log) -> dict[str, float]:
         "below upper bound": truth <= bounds[1],
         "excited": estimates.validity == int(Validity.EXCITED),
     }
-    return {key: float(np.mean(part[counts])) for key, part in parts.items()}
+    return {key: 100 * float(np.mean(part[counts])) for key, part in parts.items()}
 
 
 def study(seeds: int, count: int) -> Iterator[tuple[str, dict[str, float]]]:

@@ -12,13 +12,13 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from benchmarks.accuracy.measures import interval
+from benchmarks.accuracy.measures import inside, rmse
 from benchmarks.accuracy.run import without
 from benchmarks.accuracy.scenarios import SATELLITE, VEHICLES, LeftTheRoad, Scenario, on_plant
 from benchmarks.real_logs import table
 from numpy.typing import NDArray
 
-from roadstate.core import Estimates, InputError, Log, reference
+from roadstate.core import Estimates, Log
 from roadstate.core.numerics import use_compilation_cache
 from roadstate.estimators import build
 from roadstate.run import batch
@@ -37,10 +37,10 @@ _HAIRPIN, _HAIRPINS = 12.0, 6  # likewise
 _RAMP = 9.0  # m
 _SETTLE = 5.0  # s
 _QUANTITIES = {
-    "grade, %": ("grade", 100.0),
-    "v_y, m/s": ("velocity_y", 1.0),
-    "F_y front, N": ("force_y_front", 1.0),
-    "rear": ("force_y_rear", 1.0),
+    "grade, %": "grade",
+    "v_y, m/s": "velocity_y",
+    "F_y front, N": "force_y_front",
+    "rear": "force_y_rear",
 }
 
 
@@ -120,26 +120,17 @@ def driven(vehicle: str, drive: str, count: int) -> list[tuple[Log, Estimates]]:
 def judged(runs: list[tuple[Log, Estimates]]) -> dict[str, float]:
     """RMSE of quantities and the share (%) within their 95 % interval; shares within friction's bounds."""
     found: dict[str, float] = {}
-    for name, (quantity, unit) in _QUANTITIES.items():
-        errors, inside = zip(*(_of(log, said, quantity) for log, said in runs), strict=True)
-        found[name] = unit * float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))
-        found[f"{name.split(',')[0]} inside"] = 100 * float(np.mean(np.concatenate(inside)))
+    for name, quantity in _QUANTITIES.items():
+        errors = [rmse(said, log, quantity, settle=_SETTLE) for log, said in runs]
+        shares = [inside(said, log, quantity, settle=_SETTLE) for log, said in runs]
+        found[name] = float(np.sqrt(np.mean(np.square(errors))))
+        found[f"{name.split(',')[0]} inside"] = float(np.mean(shares))
     for end, below in (("lower", True), ("upper", False)):
-        bounds = [said.values[f"friction_peak_{end}"][_counts(log)] for log, said in runs]
+        bounds = [
+            said.values[f"friction_peak_{end}"][log.time - log.time[0] >= _SETTLE] for log, said in runs
+        ]
         found[f"{end} bound"] = 100 * float(np.mean((np.concatenate(bounds) <= FRICTION) == below))
     return found
-
-
-def _counts(log: Log) -> NDArray[np.bool_]:
-    return np.asarray(log.time - log.time[0] >= _SETTLE)
-
-
-def _of(log: Log, said: Estimates, quantity: str) -> tuple[Array, NDArray[np.bool_]]:
-    truth, ends = reference(quantity, log.channels), interval(said, quantity)
-    if truth is None or ends is None:
-        raise InputError(f"no {quantity}, or nothing to hold it against")
-    counts = _counts(log)
-    return (said.values[quantity] - truth)[counts], ((ends[0] <= truth) & (truth <= ends[1]))[counts]
 
 
 def study(count: int) -> Iterator[tuple[str, dict[str, float]]]:
