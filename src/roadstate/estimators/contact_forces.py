@@ -12,9 +12,10 @@ from jaxtyping import Array, Float
 from roadstate.core.channels import WHEELS
 from roadstate.core.constants import GRAVITY
 from roadstate.core.errors import InputError
+from roadstate.estimators import force_errors
 from roadstate.estimators.axle_forces import AxleForces, Current, by_axle, damped, held_back
 from roadstate.estimators.base import Sample, leaf
-from roadstate.estimators.force_balance import LARGEST, ForceBalance, Scene
+from roadstate.estimators.force_balance import LARGEST, Balance, ForceBalance, Scene
 from roadstate.estimators.intake import (
     ACCEL_X,
     ACCEL_Y,
@@ -27,26 +28,12 @@ from roadstate.estimators.intake import (
 )
 from roadstate.estimators.load_transfer import Lean
 from roadstate.estimators.signals import NEVER, STANDSTILL_SPEED, Held, way
-from roadstate.estimators.traction import LEAST_BRAKING, UNKNOWN, Traction, TractionMeter, TractionState
+from roadstate.estimators.traction import LEAST_BRAKING, Traction, TractionMeter, TractionState
 from roadstate.estimators.unseen_brakes import BrakeWatch
-from roadstate.linalg import root, rss
 
 if TYPE_CHECKING:
     from roadstate.vehicles import Vehicle
 
-_TORQUE_TIME = 0.1  # s: correlation time of the torque signals' noise
-_TORQUE_DELAY = 0.03  # s by which a torque signal may be late
-_CRAWL = 1.0  # m/s under which a brake's torque may be anything up to what it could be
-_UNEVEN = 0.02  # m/s²/√Hz: what the road's unevenness does to the force that torques tell
-_GUST = 3.0  # m/s/√Hz: a wind that varies by 1 m/s over 5 s
-_TURNING = 0.05  # 1σ of the share of the front axle's lateral force that steering turns backward
-_SPLIT_ERROR = 0.3  # 1σ of what each wheel brakes where nothing tells, as a share of what one does at most
-_INERTIA_ERROR = 0.1  # 1σ of the yaw inertia, as a share of it
-_UNTIL_NEXT = 0.5  # 1σ of how a_y changes until its next sample, as a share of how it has
-_PLACE_ERROR = 0.05  # m: 1σ of where the IMU is along the car, once that has been learned
-# 1σ of what leans on an axle across, over its load, where a bend climbs or falls and so is twisted: as a
-# share of what its slope turns by from axle to axle
-_TWISTED = 0.5
 CALM = 0.1
 """m/s²/√Hz: error of the torques' force beyond which it is not the usual one."""
 _LATELY = 1.0  # s
@@ -59,7 +46,6 @@ _STIRRED = 0.15  # s for which what stirs up wheels and brakes goes on
 _BOUNCES, _STEADY, _BOUNCE_TIME = 10.0, 1e-3, 0.2
 _ROUGH_TIME = 5.0  # s for which a road shakes a car that is not swiftly steered and braked instead
 _LOCKED = 3.0  # s for which it is remembered that brakes locked wheels
-_DIFFERENTIAL = 0.1  # 1σ of what a wheel gets of an engine's torque, as a share of it
 _HEARD = 0.1  # share of the drive that wheels get, at the least, whose speeds tell the engine's
 
 
@@ -93,6 +79,24 @@ class ForceMeterState(NamedTuple):
     locking: Float[Array, ""]
     lean: Lean
     rough: Float[Array, ""]
+
+
+class _Torques(NamedTuple):
+    """Torques of drive and brakes, and the specific forces that they make.
+
+    Attributes:
+        now, smooth: (8,) of the wheels, as they are and low-passed, N·m.
+        share: of a sample in that low pass.
+        push: of the drive, as it is, m/s².
+        drives, slows: of drive and brakes, low-passed, m/s².
+    """
+
+    now: Float[Array, " 8"]
+    smooth: Float[Array, " 8"]
+    share: Float[Array, ""]
+    push: Float[Array, ""]
+    drives: Float[Array, ""]
+    slows: Float[Array, ""]
 
 
 class ForceMeter(eqx.Module):
@@ -179,37 +183,134 @@ class ForceMeter(eqx.Module):
             lightness: the file's mass over what the car is thought to have so far.
             dt: s.
         """
-        car, radius, mass = self.balance.car, self.balance.car.wheel_radius[0], self.balance.car.mass
         accel = self._freed(signals.smooth, state.lean) - accel_error
         traction, drive = self._torques(state.traction, sample, signals, speed, dt)
-        # what rough roads shake the accelerometer by does not make the body lean
+        lean, apart = self._leaning(state, accel, dt)
+        leans = lean.ahead(SMOOTHING)
+        sharp = self._freed(signals.now, leans) - accel_error
+        load = self.balance.loads(lean.transferred(), accel[1])
+        torques = self._pushes(state, drive, speed, dt)
+        scene, brakes, turned = self._scene(
+            state, signals, drive, torques, (accel, sharp), load, speed, slope, lightness, dt
+        )
+        slow = self.balance.of(accel, signals.rate, torques.smooth, scene)
+        fast = self.balance.of(sharp, signals.now_rate, torques.now, scene)
+        locking = jnp.maximum(jnp.minimum(slow.spun / GRAVITY, 1.0), state.locking * jnp.exp(-dt / _LOCKED))
+        # anti-lock brakes shake a car along, swift steering across, but only a rough road both ways for long
+        shakes = jnp.min(signals.shaken)
+        rough = state.rough - jnp.expm1(-dt / _ROUGH_TIME) * (shakes - state.rough)
+        rough = jnp.minimum(rough, shakes)
+        calm, swift = self._calmed(state.calm, fast, torques.share, rough, by_axle(load), dt)
+        bears = self.balance.loads(leans.transferred(), sharp[1])
+        ahead = jnp.stack([by_axle(fast.along) - by_axle(slow.along), fast.across - slow.across])
+        calms = jnp.exp(-dt / _STIRRED)
+        gust = force_errors.gust(scene.drag, speed)
+        engine = torques.smooth if self.torque_of == "engine" else None
+        split = force_errors.split(self.balance, slow, engine)
+        unsure = jnp.where(scene.felt | (scene.known & ~scene.unseen.act), 0.0, jnp.inf)
+        forces = AxleForces(
+            along=slow.along,
+            across=slow.across,
+            load=load,
+            steady=slow.steady,
+            told=slow.told,
+            now=Current(swift[0], swift[1], swift[2], bears, signals.now_rate[YAW_RATE]),
+            stir=jnp.maximum(jnp.abs(ahead), state.stir * calms),
+            jolt=jnp.maximum(jnp.abs(fast.along - slow.along), state.jolt * calms),
+            locking=jnp.where(scene.is_held, state.locking, locking),
+            shaken=signals.shaken,
+            along_std=split / jnp.maximum(load, 0.1 * jnp.mean(load)) + unsure,
+            across_std=force_errors.across(self.balance, signals, scene, split),
+            accel=accel,
+            lean=lean,
+            yaw_accel=signals.rate[YAW_RATE],
+            explained=slow.explained,
+            drive=torques.drives,
+            brake=torques.slows,
+            rolling=GRAVITY * jnp.tanh(speed / STANDSTILL_SPEED),
+            lever=drive.lever / self.balance.car.mass,
+            turned=turned,
+            intensity=force_errors.along(
+                self.balance, drive, scene, torques.now - torques.smooth, speed, gust, accel
+            ),
+            gust=gust,
+            held=drive.held_std / self.balance.car.mass,
+            age=drive.age,
+            is_shifting=drive.is_shifting,
+            is_brake_unknown=scene.unseen.act,
+            may_brake=scene.unseen.may_act,
+        )
+        new = ForceMeterState(
+            traction=traction,
+            brakes=brakes,
+            torque=torques.smooth,
+            age=drive.age,
+            explained=jnp.stack([forces.explained, forces.intensity, apart]),
+            calm=calm,
+            stir=forces.stir,
+            jolt=forces.jolt,
+            held=jnp.where(scene.is_held, state.held, slow.along),
+            locking=forces.locking,
+            lean=lean,
+            rough=rough,
+        )
+        return new, forces
+
+    def _leaning(self, state: ForceMeterState, accel: Array, dt: Array) -> tuple[Lean, Float[Array, ""]]:
+        """How the body leans, and by how much the accelerometer has told more than torques of late, m/s².
+
+        What rough roads shake the accelerometer by does not make the body lean.
+        """
         cause, intensity, apart = state.explained
         apart = apart - jnp.expm1(-dt / _LATELY) * (accel[0] - cause - apart)
         sure = self._tells_all & (state.age < STALE) & (intensity < CALM) & (jnp.abs(apart) < _APART)
-        lean = state.lean.after(jnp.where(sure, cause, accel[0]), dt)
-        load = self.balance.loads(lean.transferred(), accel[1])
-        drag = car.drag(speed) / mass
-        direction = jnp.tanh(speed / STANDSTILL_SPEED)
+        return state.lean.after(jnp.where(sure, cause, accel[0]), dt), apart
+
+    def _pushes(self, state: ForceMeterState, drive: Traction, speed: Array, dt: Array) -> _Torques:
+        mass, radius = self.balance.car.mass, self.balance.car.wheel_radius[0]
         most = LARGEST * mass * GRAVITY * radius
         pulling = jnp.clip(drive.drive_torque, -most, most)
-        fresh = jnp.concatenate([pulling, jnp.minimum(drive.brake_torque, most) * direction])
-        new = jnp.where(state.age < STALE, -jnp.expm1(-dt / SMOOTHING), 1.0)
-        torque = state.torque + new * (fresh - state.torque)
-        leans = lean.ahead(SMOOTHING)
-        sharp = self._freed(signals.now, leans) - accel_error
+        slowing = jnp.minimum(drive.brake_torque, most) * jnp.tanh(speed / STANDSTILL_SPEED)
+        now = jnp.concatenate([pulling, slowing])
+        share = jnp.where(state.age < STALE, -jnp.expm1(-dt / SMOOTHING), 1.0)
+        smooth = state.torque + share * (now - state.torque)
+        per = radius * mass
+        return _Torques(
+            now, smooth, share, jnp.sum(pulling) / per, jnp.sum(smooth[:4]) / per, jnp.sum(smooth[4:]) / per
+        )
+
+    def _scene(
+        self,
+        state: ForceMeterState,
+        signals: Signals,
+        drive: Traction,
+        torques: _Torques,
+        accel: tuple[Array, Array],
+        load: Array,
+        speed: Array,
+        slope: Array,
+        lightness: Array,
+        dt: Array,
+    ) -> tuple[Scene, BrakeWatch, Float[Array, ""]]:
+        """What the balances need, brakes that no channel tells of, and m/s² that the drive's inertia takes.
+
+        ``accel`` is the specific force, low-passed and as it is; the rest is as in :meth:`read`.
+        """
+        car = self.balance.car
+        mass, radius = car.mass, car.wheel_radius[0]
+        smooth, sharp = accel
+        drag, direction = car.drag(speed) / mass, jnp.tanh(speed / STANDSTILL_SPEED)
         held = Held(sharp[0], signals.age[ACCEL_X])
-        push = jnp.sum(pulling) / (radius * mass)
         angle, forward = jnp.clip(signals.smooth[STEER], -0.9, 0.9), way(speed)
-        bend = held_back(accel[1], angle, car.cg_to_rear_axle / car.wheelbase)
+        bend = held_back(smooth[1], angle, car.cg_to_rear_axle / car.wheelbase)
         coefficient = car.rolling_coefficient(speed)
-        drives, slows = jnp.sum(torque[:4]) / (radius * mass), jnp.sum(torque[4:]) / (radius * mass)
         felt = held.age < STALE
         lost = lightness * drag + bend + GRAVITY * coefficient * direction
         rotating = drive.inertia / mass - 1
-        pushes = lightness * (push - rotating * (accel[0] - slope)) - lost
+        pushes = lightness * (torques.push - rotating * (smooth[0] - slope)) - lost
         # as torques tell it: what the accelerometer's noise moves would seem to be a load
-        gains = (lightness * (drives - slows) - lost - slope) / (1 + lightness * rotating)
-        brakes = state.brakes.take(held, pushes, drives, forward, dt)
+        gains = (lightness * (torques.drives - torques.slows) - lost - slope) / (1 + lightness * rotating)
+        brakes = state.brakes.take(held, pushes, torques.drives, forward, dt)
         unseen = brakes.unseen(drive, self.knows_brakes, felt)
         brakes_hold = jnp.sum(drive.brake_torque) > LEAST_BRAKING * mass * radius
         brakes_hold = brakes_hold | unseen.act | (drive.age >= STALE)
@@ -228,75 +329,19 @@ class ForceMeter(eqx.Module):
             is_held=brakes_hold & (jnp.abs(speed) < STANDSTILL_SPEED),
             held=state.held,
         )
-        slow = self.balance.of(accel, signals.rate, torque, scene)
-        fast = self.balance.of(sharp, signals.now_rate, fresh, scene)
-        kept = jnp.where(scene.is_held, state.held, slow.along)
-        locking = jnp.maximum(jnp.minimum(slow.spun / GRAVITY, 1.0), state.locking * jnp.exp(-dt / _LOCKED))
-        locking = jnp.where(scene.is_held, state.locking, locking)
-        axles = by_axle(load)
+        return scene, brakes, rotating * gains
+
+    def _calmed(
+        self, before: Array, fast: Balance, share: Array, rough: Array, axles: Array, dt: Array
+    ) -> tuple[Float[Array, "3 2"], Float[Array, "3 2"]]:
+        """The axles' F_x by accelerometer and torques, by torques, and F_y, N: low-passed, and current ones
+        without noise."""
         current = jnp.stack([by_axle(fast.along), by_axle(fast.told), fast.across])
-        # anti-lock brakes shake a car along, swift steering across, but only a rough road both ways for long
-        shakes = jnp.min(signals.shaken)
-        rough = state.rough - jnp.expm1(-dt / _ROUGH_TIME) * (shakes - state.rough)
-        rough = jnp.minimum(rough, shakes)
         bounces = _STEADY + _BOUNCES * rough / GRAVITY
         noise = jnp.stack([jnp.full_like(bounces, NOISY), jnp.full_like(bounces, NOISY), bounces])
-        share = jnp.stack([new, new, -jnp.expm1(-dt / _BOUNCE_TIME)])
-        calm = state.calm + share[:, None] * (current - state.calm)
-        swift = calm + damped(current - calm, noise[:, None] * axles)
-        bears = self.balance.loads(leans.transferred(), sharp[1])
-        now = Current(swift[0], swift[1], swift[2], bears, signals.now_rate[YAW_RATE])
-        ahead = jnp.abs(jnp.stack([current[0] - by_axle(slow.along), fast.across - slow.across]))
-        calms = jnp.exp(-dt / _STIRRED)
-        stir = jnp.maximum(ahead, state.stir * calms)
-        jolt = jnp.maximum(jnp.abs(fast.along - slow.along), state.jolt * calms)
-        split = jnp.where(slow.blind, _SPLIT_ERROR * jnp.max(jnp.abs(slow.along)), 0.02 * jnp.abs(slow.rest))
-        if self.torque_of == "engine":
-            split = rss(split, _DIFFERENTIAL * jnp.abs(torque[:4]) / radius)
-        unsure = jnp.where(scene.felt | (scene.known & ~unseen.act), 0.0, jnp.inf)
-        rotation = jnp.abs(signals.rate[YAW_RATE])
-        # what one side brakes more than the other turns the car, too
-        pulled = root(jnp.sum((self.balance.half_track * split) ** 2))
-        moment = rss(_INERTIA_ERROR * car.yaw_inertia * rotation, pulled) / (axles * car.wheelbase)
-        age = jnp.maximum(signals.age[ACCEL_Y], signals.age[YAW_RATE])
-        missing = jnp.where(age < STALE, 0.0, jnp.inf)
-        goes_on = _UNTIL_NEXT * jnp.abs(signals.rate[ACCEL_Y]) * jnp.minimum(age, STALE) / GRAVITY
-        twisted = _TWISTED * slope / GRAVITY * jnp.tan(angle)
-        gust = 2 * drag / jnp.maximum(jnp.abs(speed), 1.0) * _GUST
-        forces = AxleForces(
-            along=slow.along,
-            across=slow.across,
-            load=load,
-            steady=slow.steady,
-            told=slow.told,
-            now=now,
-            stir=stir,
-            jolt=jolt,
-            locking=locking,
-            shaken=signals.shaken,
-            along_std=split / jnp.maximum(load, 0.1 * jnp.mean(load)) + unsure,
-            across_std=rss(moment, _PLACE_ERROR * rotation / GRAVITY, goes_on, twisted) + missing,
-            accel=accel,
-            lean=lean,
-            yaw_accel=signals.rate[YAW_RATE],
-            explained=slow.explained,
-            drive=drives,
-            brake=slows,
-            rolling=GRAVITY * direction,
-            lever=drive.lever / mass,
-            turned=rotating * gains,
-            intensity=self._intensity(drive, scene, fresh - torque, speed, gust, accel),
-            gust=gust,
-            held=drive.held_std / mass,
-            age=drive.age,
-            is_shifting=drive.is_shifting,
-            is_brake_unknown=unseen.act,
-            may_brake=unseen.may_act,
-        )
-        told = jnp.stack([forces.explained, forces.intensity, apart])
-        return ForceMeterState(
-            traction, brakes, torque, drive.age, told, calm, stir, jolt, kept, locking, lean, rough
-        ), forces
+        share = jnp.stack([share, share, -jnp.expm1(-dt / _BOUNCE_TIME)])
+        calm = before + share[:, None] * (current - before)
+        return calm, calm + damped(current - calm, noise[:, None] * axles)
 
     def _freed(self, signals: Float[Array, " 8"], lean: Lean) -> Float[Array, " 2"]:
         """Specific forces alone: signals are freed of the pitch that would last, not of this one."""
@@ -312,16 +357,3 @@ class ForceMeter(eqx.Module):
             return self._traction.read(state, sample, speed, dt, jnp.where(share < _HEARD, speed, rim))
         turning = jnp.sum(self.balance.car.wheel_inertia) / self.balance.car.wheel_radius[0] ** 2
         return None, Traction.unknown(self.balance.car.mass + turning)
-
-    def _intensity(
-        self, drive: Traction, at: Scene, jump: Array, speed: Array, gust: Array, accel: Array
-    ) -> Array:
-        """White error of the specific force that torques tell, m/s²/√Hz."""
-        mass, radius = self.balance.car.mass, self.balance.car.wheel_radius[0]
-        white = rss(drive.torque_std * _TORQUE_TIME**0.5, drive.held_noise) / mass
-        late = jnp.sum(jnp.abs(jump)) / (radius * mass) * (_TORQUE_DELAY / SMOOTHING * _TORQUE_TIME**0.5)
-        turning = _TURNING * accel[1] * at.sine
-        lost = jnp.where(drive.is_shifting, UNKNOWN["shift"], 0.0)
-        lost = jnp.where(drive.age < STALE, lost, UNKNOWN["drive"])
-        brake = jnp.where(at.unseen.may_act | (jnp.abs(speed) < _CRAWL), UNKNOWN["brake"], 0.0)
-        return jnp.sqrt(_UNEVEN**2 + gust**2 + white**2 + late**2 + turning**2 + lost**2 + brake**2)
