@@ -392,7 +392,7 @@ def test_a_lateral_force_acts_a_trail_behind_its_axle_as_the_car_moves(
     told = read(meter, meter.init(), {}, signals, jnp.asarray(speed), jnp.zeros(2), still, jnp.asarray(STEP))[
         1
     ]
-    geometry, trail = vehicle.geometry, 0.03 * np.sign(speed)
+    geometry, trail = vehicle.geometry, 0.03 * (1 - abs(accel) / GRAVITY) * np.sign(speed)
     levers = np.array([geometry.cg_to_rear_axle + trail, geometry.cg_to_front_axle - trail])
     share = levers / vehicle.wheelbase
     np.testing.assert_allclose(np.asarray(told.across), share * vehicle.mass * accel, rtol=2e-3)

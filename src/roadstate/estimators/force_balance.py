@@ -19,7 +19,8 @@ from roadstate.vehicles import SevenDofForces
 if TYPE_CHECKING:
     from roadstate.vehicles import Vehicle
 
-_TRAIL = 0.03  # m: pneumatic trail of a car's tire below the limit
+_TRAIL = 0.03  # m: pneumatic trail of a car's tire that slips little
+_PARALLEL = 0.5  # share in which steered wheels stand parallel, and not as Ackermann would have it
 _SPUN = 3.0  # σ of the noise of a wheel's acceleration from which on it counts
 _FRONT_MORE = 0.03  # by which the front axle's share of the roll moment exceeds that of the weight
 LARGEST = 0.7
@@ -97,11 +98,13 @@ class ForceBalance(eqx.Module):
             weight, as bars and springs have it, without which a car would oversteer.
         driven: (4,) share of the drive that each wheel gets.
         half_track: (4,) where each wheel is, m to the left.
+        splayed: F_y over load by which front tires push against each other, over sin² of the steering angle.
     """
 
     car: SevenDofForces
     driven: Float[Array, " 4"]
     half_track: Float[Array, " 4"]
+    splayed: Float[Array, ""]
     _tips: Float[Array, ""]
     _braked: Float[Array, " 4"] | None
     _spin_noise: Float[Array, ""]
@@ -115,6 +118,9 @@ class ForceBalance(eqx.Module):
         self.driven = jnp.asarray(driven / driven.sum())
         self.half_track = jnp.asarray(np.array(vehicle.geometry.half_tracks))
         brakes = vehicle.brakes
+        geometry = vehicle.geometry
+        ackermann = geometry.track_front / (geometry.cg_to_front_axle + geometry.cg_to_rear_axle)
+        self.splayed = leaf(_PARALLEL * ackermann * vehicle.tires.cornering_stiffness_rear)
         self._braked = None
         if brakes is not None:
             gains = np.repeat([brakes.torque_per_pressure_front, brakes.torque_per_pressure_rear], 2)
@@ -169,14 +175,27 @@ class ForceBalance(eqx.Module):
         inertia, kg·m² at the wheels, with their mean."""
         return self.car.wheel_inertia * spin + engine * self.driven * jnp.sum(self.driven * spin)
 
+    def splay(self, at: Scene) -> Float[Array, ""]:
+        """By how much F_y of the right front wheel exceeds the left one's by the steering's geometry, N.
+
+        To roll without slip they would stand at δ(1 ± b δ/2L) for a track b (Ackermann); cars steer between
+        that and parallel wheels (Gillespie, *Fundamentals of Vehicle Dynamics*, ch. 8), which push against
+        each other, whichever way they are steered.
+        """
+        return 0.5 * self.splayed * (at.load[0] + at.load[1]) * at.sine**2
+
     def _across(self, along: Array, accel_y: Array, yaw_accel: Array, at: Scene) -> Float[Array, " 2"]:
         """(2,) lateral forces of the axles in their wheels' frames, N."""
         car = self.car
         turn = steered_cosines(at.cosine)
         moment = -jnp.sum(self.half_track * along * turn)  # the left side pushes to the right
         turning = car.yaw_inertia * yaw_accel - moment
-        # aligning moments: a lateral force acts a trail behind its axle, as the car moves
-        trail = _TRAIL * at.forward
+        # the outer one of the steered wheels bears more, and so holds back more
+        front = (car.cg_to_rear_axle * car.mass * accel_y + turning) / car.wheelbase
+        more = front * (at.load[1] - at.load[0]) / (at.load[0] + at.load[1]) + self.splay(at)
+        turning = turning + self.half_track[0] * at.sine * more
+        # aligning moments: a lateral force acts a trail behind its axle, which shrinks as it grows
+        trail = _TRAIL * at.forward * jnp.maximum(1 - jnp.abs(accel_y) / GRAVITY, 0.0)
         front = ((car.cg_to_rear_axle + trail) * car.mass * accel_y + turning) / car.wheelbase
         rear = ((car.cg_to_front_axle - trail) * car.mass * accel_y - turning) / car.wheelbase
         return jnp.stack([(front - (along[0] + along[1]) * at.sine) / at.cosine, rear])

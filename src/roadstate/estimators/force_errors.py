@@ -23,6 +23,7 @@ _DIFFERENTIAL = 0.1  # 1σ of what a wheel gets of an engine's torque, as a shar
 _INERTIA_ERROR = 0.1  # 1σ of the yaw inertia, as a share of it
 _UNTIL_NEXT = 0.5  # 1σ of how a_y changes until its next sample, as a share of how it has
 _PLACE_ERROR = 0.05  # m: 1σ of where the IMU is along the car, once that has been learned
+_SPLAY_ERROR = 0.6  # 1σ of what the steering's geometry sets front tires against each other by, as a share
 # 1σ of what leans on an axle across, over its load, where a bend climbs or falls and so is twisted: as a
 # share of what its slope turns by from axle to axle
 _TWISTED = 0.5
@@ -91,7 +92,8 @@ def across(
     car, rotation, axles = balance.car, jnp.abs(signals.rate[YAW_RATE]), by_axle(at.load)
     # what one side brakes more than the other turns the car, too
     pulled = root(jnp.sum((balance.half_track * split) ** 2))
-    moment = rss(_INERTIA_ERROR * car.yaw_inertia * rotation, pulled) / (axles * car.wheelbase)
+    splayed = _SPLAY_ERROR * balance.half_track[0] * at.sine * balance.splay(at)
+    moment = rss(_INERTIA_ERROR * car.yaw_inertia * rotation, pulled, splayed) / (axles * car.wheelbase)
     age = jnp.maximum(signals.age[ACCEL_Y], signals.age[YAW_RATE])
     missing = jnp.where(age < STALE, 0.0, jnp.inf)
     goes_on = _UNTIL_NEXT * jnp.abs(signals.rate[ACCEL_Y]) * jnp.minimum(age, STALE) / GRAVITY
