@@ -52,6 +52,8 @@ _LEARNED = ("vertical_speed", "traction", "attitude")  # sensors whose noise is 
 _SIDEWAYS = 0.9  # of the speed may be v_y at the most
 # m/s: 1σ of v_y beyond which v_y r is no slope's to bear; and √s: it errs as white noise of that many times
 _SLIDES = (0.05, 2.0)
+# m √s: r² times what the accelerometer sits ahead of the centre of gravity, .3 m, comes and goes with a bend
+_SWUNG = 0.6
 _RECEIVED = ("latitude", "vertical_speed")  # channels that only a satellite receiver gives
 _UNHEARD = 1.0  # s without a speed, which accelerations alone carry on no further
 _MOVING = 2.0  # m/s from which sensors err as they usually do
@@ -227,6 +229,7 @@ class AlongIntake(eqx.Module):
             slip=self.rims.slips(forces.steady, forces.load),
             sensor_std=jnp.zeros(0),
         )
+        swung = _SWUNG * turning**2
         parts, stds = [], []
         wheels = [i for i, w in enumerate(WHEEL_SPEEDS) if w in self.sensors]
         rims = state.rims
@@ -260,13 +263,13 @@ class AlongIntake(eqx.Module):
             told = seen.is_fresh[ACCEL_X] & (forces.age < STALE)
             more = forces.lean.freed(seen.smooth[ACCEL_X], self.pitching) - forces.explained
             parts.append(jnp.where(told, more, jnp.nan)[None])
-            both = rss(forces.intensity, self.accel_noise)
+            both = rss(forces.intensity, self.accel_noise, swung)
             both = jnp.where(state.shortfall.is_brake, UNKNOWN["brake"], both)
             stds.append((both / root(since[ACCEL_X]))[None])
             u = u._replace(intensity=jnp.where(felt, self.white(state.unrest, forces)[0], u.intensity))
         # where the car slides far, what is not known of v_y r is no slope
         slides = _SLIDES[1] * jnp.maximum(sideslip[1] - _SLIDES[0], 0.0) * jnp.abs(turning)
-        u = u._replace(intensity=rss(u.intensity, between, slides))
+        u = u._replace(intensity=rss(u.intensity, between, slides, swung))
         if "attitude" in self.sensors:
             parts.append(jnp.zeros(1))  # where a pitch rate comes that is believed
             stds.append(lean_std(state.pitch, _since(state.pitch.gyro.rate.age, dt))[None])
