@@ -177,7 +177,8 @@ def test_wheels_under_drive_slip_as_much_as_they_do(vehicle: Vehicle, bigger: fl
     forces = meter.nothing()
     _, touch = contact.touch(
         contact.init(), seen, forces, jnp.asarray(speed[-1]), (jnp.asarray(bigger), jnp.asarray(0.01)),
-        jnp.asarray(accel), jnp.asarray([0.0, jnp.inf]), jnp.zeros((), bool), jnp.asarray(0.01),
+        jnp.asarray(accel), jnp.zeros(()), jnp.asarray([0.0, jnp.inf]), jnp.zeros((), bool),
+        jnp.asarray(0.01),
     )  # fmt: skip
     np.testing.assert_allclose(np.asarray(touch.slip), 1.02 * (1 + bigger) - 1, atol=3e-4)
 

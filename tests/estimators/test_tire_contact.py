@@ -42,8 +42,9 @@ def touched(
     motion: Float[Array, "t 4"],
     slip: Float[Array, "t 4"] | None = None,
     noise: float = 0.0,
+    slope: float = 0.0,
 ) -> Touch:
-    """Of samples of that, and of wheels that slip: (t, ...)."""
+    """Of samples of that, and of wheels that slip, on a slope of this sine: (t, ...)."""
     forces = ForceMeter(vehicle, (*WHEEL_SPEEDS, "accel_x", "accel_y", "yaw_rate", "steer")).nothing()
     known = forces._replace(along_std=jnp.zeros(4), across_std=jnp.zeros(2))
     keep = -jnp.expm1(-DT / SMOOTHING)
@@ -62,8 +63,8 @@ def touched(
             shaken=jnp.zeros(2), is_faulty=jnp.zeros(8, bool),
         )  # fmt: skip
         memory, touch = contact.touch(
-            memory, seen, known, jnp.asarray(SPEED), (zero, zero), zero, jnp.zeros(2),
-            jnp.zeros((), bool), jnp.asarray(DT),
+            memory, seen, known, jnp.asarray(SPEED), (zero, zero), zero, jnp.asarray(slope),
+            jnp.zeros(2), jnp.zeros((), bool), jnp.asarray(DT),
         )  # fmt: skip
         return (memory, new), touch
 
@@ -88,6 +89,46 @@ def test_tires_that_follow_where_they_point_slip_nowhere(vehicle: Vehicle, leans
     begun = np.asarray(time) > 1.0
     # the lag alone would be .25 m/s of v_y: 40 mrad
     assert np.abs(np.asarray(slips)[begun]).max() < 1.5e-3
+
+
+def climbs(vehicle: Vehicle, slope: float, radius: float) -> tuple[float, float]:
+    """v_y of the centre of gravity and yaw rate, both in the body's axes, of a car whose rear axle rolls up a
+    helix of this slope (sine) at :data:`SPEED`: by differences of where it is."""
+    level = np.sqrt(1 - slope**2)
+    turning = SPEED * level / radius  # about the vertical
+
+    def pose(t: float) -> tuple[np.ndarray, np.ndarray]:
+        cos, sin = np.cos(turning * t), np.sin(turning * t)
+        ahead = np.array([level * cos, level * sin, slope])
+        left = np.array([-sin, cos, 0.0])
+        up = np.cross(ahead, left)
+        axle = np.array([radius * sin, -radius * cos, SPEED * slope * t])
+        geometry = vehicle.geometry
+        return axle + geometry.cg_to_rear_axle * ahead + geometry.cg_height * up, np.stack([ahead, left, up])
+
+    step = 1e-4
+    (before, was), (after, will) = pose(-step), pose(step)
+    _, axes = pose(0.0)
+    spin = (will - was) / (2 * step)
+    return float((after - before) @ axes[1] / (2 * step)), float(spin[0] @ axes[1])
+
+
+@pytest.mark.parametrize("radius", [12.0, -12.0])
+@pytest.mark.parametrize("slope", [0.1, -0.1, 0.0])
+def test_a_rear_axle_that_rolls_up_a_helix_does_not_slip(
+    vehicle: Vehicle, slope: float, radius: float
+) -> None:
+    """A car that turns about the vertical on a slope rolls about its own axis, too, and the centre of gravity
+    above the road moves aside by that: 3 cm/s of it here."""
+    across, turning = climbs(vehicle, slope, radius)
+    assert turning == pytest.approx(SPEED * (1 - slope**2) / radius, rel=1e-6)
+    motion = jnp.tile(jnp.asarray([across, SPEED * turning, turning, 0.0]), (300, 1))
+    touch = touched(TireContact(vehicle), vehicle, motion, slope=slope)
+    slips = float(touch.angle[-1, 1]) - across / SPEED
+    assert abs(slips) < 2e-4
+    assert abs(across / SPEED - vehicle.geometry.cg_to_rear_axle * turning / SPEED) > 0.045 * abs(
+        slope / radius
+    )
 
 
 @pytest.mark.parametrize("amplitude", [0.2, 0.03])

@@ -253,8 +253,9 @@ class Joint(Estimator[JointState]):
         gain = self.along.speeds_up(along.gaussian.mean, u)
         rolling = self.along.rolling(along.gaussian, speed)
         since = jnp.where(state.speed_age < NEVER, dt, NEVER)
+        sine = along.gaussian.mean[SLOPE] / GRAVITY
         contact, touch = self.contact.touch(
-            state.contact, seen, forces, speed, rolling, gain, GRAVITY * banking, reading.slides, since
+            state.contact, seen, forces, speed, rolling, gain, sine, GRAVITY * banking, reading.slides, since
         )
         late = self.watch.lateness(reading.watch, WHEEL_SPEEDS) * gain / jnp.maximum(jnp.abs(speed), 1.0)
         touch = touch._replace(slip_shared=rss(touch.slip_shared, jnp.max(jnp.abs(late))))

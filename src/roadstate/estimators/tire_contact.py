@@ -60,6 +60,7 @@ class TireContact(eqx.Module):
         noise: 1σ of a wheel's speed, m/s.
         relaxation: relaxation length, m.
         places: (2,) of the axles ahead of the centre of gravity, m.
+        height: of the centre of gravity over the road, m.
         sway: m by which the tires are left behind to the left as the body leans, per m/s² across.
         half_track: (4,) of the wheels to the left, m.
         shake: 1σ of white noise in a sample of the accelerometer, over g.
@@ -69,6 +70,7 @@ class TireContact(eqx.Module):
     noise: Float[Array, ""]
     relaxation: Float[Array, ""]
     places: Float[Array, " 2"]
+    height: Float[Array, ""]
     sway: Float[Array, ""]
     half_track: Float[Array, " 4"]
     shake: Float[Array, ""]
@@ -79,6 +81,7 @@ class TireContact(eqx.Module):
         self.noise = leaf(vehicle.wheels.radius * vehicle.sensors.wheel_speed.noise)
         self.relaxation = leaf(vehicle.tires.relaxation_length)
         self.places = jnp.asarray([geometry.cg_to_front_axle, -geometry.cg_to_rear_axle])
+        self.height = leaf(geometry.cg_height)
         self.sway = leaf(SWAY_ARM * geometry.cg_height * vehicle.body.roll_gradient)
         self.half_track = jnp.asarray(np.array(geometry.half_tracks))
         self.shake = leaf(vehicle.sensors.accel.noise_density / GRAVITY / (2 * SMOOTHING * _USUAL) ** 0.5)
@@ -103,6 +106,7 @@ class TireContact(eqx.Module):
         speed: Array,
         rolling: tuple[Array, Array],
         accel: Array,
+        slope: Array,
         banking: Array,
         spins: Array,
         dt: Array,
@@ -116,6 +120,7 @@ class TireContact(eqx.Module):
             speed: m/s.
             rolling: by what share the rolling radius exceeds the file's, and 1σ of a slip of all wheels.
             accel: its rate, m/s².
+            slope: sine of the road's.
             banking, spins: as :class:`~roadstate.estimators.sideways.Touch` has them.
             dt: s.
         """
@@ -125,7 +130,9 @@ class TireContact(eqx.Module):
         axles = by_axle(load)
         across = forces.across / axles
         sways = jnp.where(seen.age[ACCEL_Y] < STALE, self.sway * seen.rate[ACCEL_Y], 0.0)
-        now = steer - (self.places * seen.smooth[YAW_RATE] + sways) / moving
+        # on a slope a car that turns about the vertical rolls, too, and at the road moves aside otherwise
+        places = self.places + self.height * slope
+        now = steer - (places * seen.smooth[YAW_RATE] + sways) / moving
         lag = self.relaxation / moving + _YIELDS
         radius = self.radius * (1 + rolling[0])
         late = seen.lag + _SENSED
