@@ -8,7 +8,10 @@ import pytest
 from benchmarks.tight_turns import FRICTION, driven
 
 from roadstate.core import Estimates, Log, reference
+from roadstate.core.constants import GRAVITY
+from roadstate.estimators import build
 from roadstate.estimators.axle_forces import gains_aside, steered_cosines
+from roadstate.run import batch
 from roadstate.vehicles import Vehicle
 
 Runs = list[tuple[Log, Estimates]]
@@ -81,6 +84,28 @@ def test_an_accelerometer_out_of_the_middle_is_no_load(uphill: Runs) -> None:
         later = log.time - log.time[0] > 5.0
         off = np.tan(said.values["grade"]) - np.tan(log["ref_grade"])
         assert np.sqrt(np.mean(off[later] ** 2)) < 0.005
+
+
+def test_an_accelerometer_on_the_windscreen_is_one_in_the_middle(around: Runs, vehicle: Vehicle) -> None:
+    """1.2 m ahead it reads −x r² along and x ṙ across beside; told so, all comes out as it was, while
+    the grade would else be off by up to 1.2 %."""
+    log, ahead, step = around[0][0], 1.2, 0.01
+    turning, later = np.convolve(log["yaw_rate"], np.hanning(15) / 7, "same"), slice(500, -50)
+    pulled = {
+        "accel_x": log["accel_x"] - ahead * turning**2,
+        "accel_y": log["accel_y"] + ahead * np.gradient(turning, step),
+    }
+    accel = vehicle.sensors.accel.model_copy(update={"ahead": ahead})
+    told = vehicle.model_copy(update={"sensors": vehicle.sensors.model_copy(update={"accel": accel})})
+    runs = batch(
+        [build("joint", car, log.available) for car in (vehicle, told)], [log, log.with_channels(pulled)]
+    )
+    (middle, moved) = (run.values for run in runs)
+    assert np.abs(moved["grade"] - middle["grade"])[later].max() < 1.5e-3
+    for axle in ("front", "rear"):
+        off = moved[f"force_y_{axle}"] - middle[f"force_y_{axle}"]
+        assert np.sqrt(np.mean(off[later] ** 2)) < 0.02 * np.abs(middle[f"force_y_{axle}"]).max()
+    assert ahead * np.max(turning**2) / GRAVITY > 0.015
 
 
 def test_an_inner_wheel_that_locks_is_no_grip(braked: Runs) -> None:

@@ -52,8 +52,7 @@ _LEARNED = ("vertical_speed", "traction", "attitude")  # sensors whose noise is 
 _SIDEWAYS = 0.9  # of the speed may be v_y at the most
 # m/s: 1σ of v_y beyond which v_y r is no slope's to bear; and √s: it errs as white noise of that many times
 _SLIDES = (0.05, 2.0)
-# m √s: r² times what the accelerometer sits ahead of the centre of gravity, .3 m, comes and goes with a bend
-_SWUNG = 0.6
+_BEND_TIME = 2.0  # s for which a bend lasts, and what r² pulls an accelerometer by that is not in the middle
 _RECEIVED = ("latitude", "vertical_speed")  # channels that only a satellite receiver gives
 _UNHEARD = 1.0  # s without a speed, which accelerations alone carry on no further
 _MOVING = 2.0  # m/s from which sensors err as they usually do
@@ -71,6 +70,7 @@ class AlongIntake(eqx.Module):
         learner: of the noise.
         sensor_std: (m,) 1σ of a sample, as the vehicle file says.
         accel_noise: of the longitudinal accelerometer, m/s²/√Hz.
+        ahead: of the centre of gravity sits the accelerometer, and 1σ of it, m.
         pitching: what a body that leans for good adds to a specific force, as a share of it.
     """
 
@@ -82,6 +82,7 @@ class AlongIntake(eqx.Module):
     learner: NoiseLearner
     sensor_std: Float[Array, " m"]
     accel_noise: Float[Array, ""]
+    ahead: Float[Array, " 2"]
     pitching: Float[Array, ""]
 
     def __init__(
@@ -103,6 +104,7 @@ class AlongIntake(eqx.Module):
         self.rims, self.learner = Rims(vehicle), NoiseLearner()
         self.sensor_std = jnp.asarray(np.array([noise.get(s, wheel) for s in sensors]))
         self.accel_noise = leaf(own.accel.noise_density)
+        self.ahead = jnp.asarray([own.accel.ahead, own.accel.ahead_std])
         self.pitching = leaf(GRAVITY * vehicle.body.pitch_gradient)
 
     def start(self) -> Unrest:
@@ -193,9 +195,10 @@ class AlongIntake(eqx.Module):
         speed = x[SPEED]
         since = _since(state.signals.age, dt)
         felt = seen.age[ACCEL_X] < STALE
-        before = jnp.where(
-            state.signals.age[ACCEL_X] < STALE, sign * state.signals.value[ACCEL_X], seen.value[ACCEL_X]
-        )
+        turns = seen.age[YAW_RATE] < STALE
+        before = sign * state.signals.value[ACCEL_X]
+        before = before + jnp.where(turns, self.ahead[0] * seen.value[YAW_RATE] ** 2, 0.0)
+        before = jnp.where(state.signals.age[ACCEL_X] < STALE, before, seen.value[ACCEL_X])
         raw = 0.5 * (seen.value[ACCEL_X] + before)
         lean = forces.lean.ahead(SMOOTHING)
         raw = lean.freed(raw, self.pitching)
@@ -207,7 +210,7 @@ class AlongIntake(eqx.Module):
         bends = (seen.age[ACCEL_Y] < STALE) & (jnp.abs(speed) > SLOWEST)
         aside = seen.smooth[ACCEL_Y] / jnp.where(bends, speed, 1.0)
         turning = jnp.where(bends, aside, 0.0)
-        turning = jnp.where(seen.age[YAW_RATE] < STALE, seen.smooth[YAW_RATE], turning)
+        turning = jnp.where(turns, seen.smooth[YAW_RATE], turning)
         u = AlongInput(
             accel=accel + sideslip[0] * turning,
             by_torque=by_torque,
@@ -229,7 +232,7 @@ class AlongIntake(eqx.Module):
             slip=self.rims.slips(forces.steady, forces.load),
             sensor_std=jnp.zeros(0),
         )
-        swung = _SWUNG * turning**2
+        swung = (2 * _BEND_TIME) ** 0.5 * self.ahead[1] * turning**2
         parts, stds = [], []
         wheels = [i for i, w in enumerate(WHEEL_SPEEDS) if w in self.sensors]
         rims = state.rims

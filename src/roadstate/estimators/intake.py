@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float
 from roadstate.core.channels import WHEELS
 from roadstate.core.constants import GRAVITY
 from roadstate.core.errors import InputError
-from roadstate.estimators.base import Sample
+from roadstate.estimators.base import Sample, leaf
 from roadstate.estimators.blur import Blur
 from roadstate.estimators.quadratic import Quadratic
 from roadstate.estimators.shaking import Shaking
@@ -157,12 +157,14 @@ class Intake(eqx.Module):
         named: channel of each row of :data:`ROWS`, ``None`` where there is none.
         has: whether a row is measured at all.
         memory: (8,) s over which each row is fitted.
+        ahead: of the centre of gravity sits the accelerometer, m.
     """
 
     channels: tuple[str, ...] = eqx.field(static=True)
     named: tuple[str | None, ...] = eqx.field(static=True)
     has: tuple[bool, ...] = eqx.field(static=True)
     memory: Float[Array, " 8"]
+    ahead: Float[Array, ""]
     _scale: Float[Array, " 8"]
     _geometry: Float[Array, " 2"]
 
@@ -186,6 +188,7 @@ class Intake(eqx.Module):
         noise = np.array([sensors.accel.noise_density, sensors.yaw_rate.noise]) / _USUAL
         more = np.maximum(np.cbrt(noise), _LEAST_MEMORY)
         self.memory = jnp.asarray(_MEMORY * np.array([more[0], more[0], more[1], 1, 1, 1, 1, 1]))
+        self.ahead = leaf(sensors.accel.ahead)
         lean = [1 + GRAVITY * body.pitch_gradient, 1 + GRAVITY * body.roll_gradient]
         self._scale = jnp.asarray(1 / np.array([*lean, 1.0, ratio, 1.0, 1.0, 1.0, 1.0]))
         self._geometry = jnp.asarray(np.array([vehicle.wheels.radius, vehicle.geometry.track_rear]))
@@ -287,6 +290,18 @@ class Intake(eqx.Module):
         return SignalState(
             value, age, steep, refused, repeats, low, high, smooth, blur, fit, shaking, gear, other, sense
         ), signals
+
+    def centred(self, signals: Signals) -> Signals:
+        """As an accelerometer in the centre of gravity would read: one x ahead of it is pulled by −x r² along
+        the car and by x ṙ across."""
+        turns = signals.age[YAW_RATE] < STALE
+
+        def freed(values: Float[Array, " 8"], rates: Float[Array, " 8"]) -> Float[Array, " 8"]:
+            pulled = self.ahead * jnp.stack([-(values[YAW_RATE] ** 2), rates[YAW_RATE]])
+            return values.at[INERTIAL].add(jnp.where(turns, -pulled, 0.0))
+
+        value, smooth = freed(signals.value, signals.rate), freed(signals.smooth, signals.rate)
+        return signals._replace(value=value, smooth=smooth, now=freed(signals.now, signals.now_rate))
 
     def _sense(
         self, state: SignalState, raw: Float[Array, " 4"], speed: Float[Array, ""], gear: Float[Array, ""]

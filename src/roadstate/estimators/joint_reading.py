@@ -25,7 +25,7 @@ class Reading(NamedTuple):
         watch, held, direction: states of the parts that read them.
         sample: the channels, without those that are frozen.
         raw: signals with the signs of the car's motion and with even wheels, as they came otherwise.
-        seen: the same, mended by the verdict.
+        seen: the same, mended by the verdict, as from the centre of gravity.
         verdict: on the sensors, as of the sample before.
         way: by what an unsigned speed is to be multiplied; NaN where that is not known.
         rolls: mean speed of the wheels, m/s.
@@ -62,6 +62,6 @@ def read(joint: Joint, state: JointState, sample: Sample, dt: Float[Array, ""]) 
         state.direction, raw, sample, held.gear, state.along.gaussian, verdict.sign(ACCEL_X), dt
     )
     raw, verdict, way = once((joint.radii.even(state.radii, raw), verdict, way))
-    seen = once(joint.trust.mend(state.trust, verdict, raw, speed))
+    seen = once(joint.signals.centred(joint.trust.mend(state.trust, verdict, raw, speed)))
     rolls = joint.inputs.rims.mean(seen)
     return Reading(watch, held, direction, sample, raw, seen, verdict, way, rolls, slides)

@@ -32,7 +32,6 @@ MOVES = np.isin(np.arange(SIZE), [V_Y, BANK, BANK_RATE])
 BANK_LENGTH = 80.0
 """m over which a road keeps its bank."""
 _LASTING = 3600.0  # s
-_LEVER = 0.3  # m: 1σ of how far the accelerometer sits ahead of the centre of gravity
 SLOWEST = 3.0
 """Speed in m/s below which slip angles say nothing."""
 FORCE_ERROR = (0.008, 0.03)
@@ -151,7 +150,9 @@ class Sideways(eqx.Module):
         share, unsure = _GIVE["steer" in available]
         give = min(max(unsure * softer, _LEAST_GIVE * soft[0]), stiff * soft[0])
         gyro = sensors.yaw_rate.bias
-        std = np.array([1.0, bank, rate, bias, stiff, stiff, shape, give, steer, _LEVER, gyro])
+        std = np.array(
+            [1.0, bank, rate, bias, stiff, stiff, shape, give, steer, sensors.accel.ahead_std, gyro]
+        )
         alike = np.eye(SIZE)
         alike[STIFF_F, STIFF_R] = alike[STIFF_R, STIFF_F] = _ALIKE
         self.first = jnp.asarray(alike * np.outer(std, std))

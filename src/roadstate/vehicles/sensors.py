@@ -14,6 +14,8 @@ from roadstate.core.quantity import Quantity
 
 _AccelerationDensity = Annotated[float, Quantity("m/s^2/Hz^0.5", 1e-6, 10)]
 _Acceleration = Annotated[float, Quantity("m/s^2", 0, 20)]
+_Place = Annotated[float, Quantity("m", -20, 20)]
+_PlaceError = Annotated[float, Quantity("m", 0.01, 20)]
 _YawRateNoise = Annotated[float, Quantity("rad/s", 1e-6, 1)]
 _YawRateBias = Annotated[float, Quantity("rad/s", 0, 1)]
 _YawAccelerationNoise = Annotated[float, Quantity("rad/s^2", 1e-6, 100)]
@@ -45,6 +47,10 @@ class Accelerometer(Section):
     """White noise n: the integral over t seconds has 1σ = n √t, a sample at f Hz has 1σ = n √f"""
     bias: _Acceleration = 0.1
     """1σ of the constant error, mounting angle included (0.1 m/s² is 1 % of grade)"""
+    ahead: _Place = 0.0
+    """How far ahead of the centre of gravity it sits (used by `joint`)"""
+    ahead_std: _PlaceError = 0.3
+    """1σ of that"""
 
 
 class YawRateSensor(Section):
