@@ -300,7 +300,7 @@ class Intake(eqx.Module):
             pulled = self.ahead * jnp.stack([-(values[YAW_RATE] ** 2), rates[YAW_RATE]])
             return values.at[INERTIAL].add(jnp.where(turns, -pulled, 0.0))
 
-        value, smooth = freed(signals.value, signals.rate), freed(signals.smooth, signals.rate)
+        value, smooth = freed(signals.value, signals.now_rate), freed(signals.smooth, signals.rate)
         return signals._replace(value=value, smooth=smooth, now=freed(signals.now, signals.now_rate))
 
     def _sense(
