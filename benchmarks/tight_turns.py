@@ -6,22 +6,16 @@ multibody plant, production sensors without satellites, vehicle files that are o
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Iterator
 from functools import partial
 from typing import Any
 
 import numpy as np
-from benchmarks.accuracy.measures import inside, rmse
-from benchmarks.accuracy.run import without
-from benchmarks.accuracy.scenarios import SATELLITE, VEHICLES, LeftTheRoad, Scenario, on_plant
+from benchmarks.accuracy.scenarios import Scenario
+from benchmarks.by_bus import study
 from benchmarks.real_logs import table
 from numpy.typing import NDArray
 
-from roadstate.core import Estimates, Log
 from roadstate.core.numerics import use_compilation_cache
-from roadstate.estimators import build
-from roadstate.run import batch
 from roadstate.sim.manoeuvres import Manoeuvre, Script
 from roadstate.sim.manoeuvres.path import straight
 from roadstate.sim.roads.centreline import Along, Bend, make_road
@@ -35,7 +29,6 @@ FRICTION = 0.85
 _ROUNDABOUT, _CIRCUITS = 20.0, 2  # m, and how often
 _HAIRPIN, _HAIRPINS = 12.0, 6  # likewise
 _RAMP = 9.0  # m
-_SETTLE = 5.0  # s
 _QUANTITIES = {
     "grade, %": "grade",
     "v_y, m/s": "velocity_y",
@@ -109,47 +102,10 @@ def _steady(name: str, road: Road, speed: float, seconds: float) -> Manoeuvre:
     return Manoeuvre(name, name, road, speed, Script.write(plan), straight())
 
 
-def driven(vehicle: str, drive: str, count: int) -> list[tuple[Log, Estimates]]:
-    """Recordings of one of :data:`DRIVES` by a bus, and what `joint` says of each."""
-    logs = on_plant(vehicle, DRIVES[drive], count)
-    buses = [without(log, SATELLITE) for log, _ in logs]
-    built = [build("joint", car, log.available) for (_, car), log in zip(logs, buses, strict=True)]
-    return list(zip(buses, batch(built, buses), strict=True))
-
-
-def judged(runs: list[tuple[Log, Estimates]]) -> dict[str, float]:
-    """RMSE of quantities and the share (%) within their 95 % interval; shares within friction's bounds."""
-    found: dict[str, float] = {}
-    for name, quantity in _QUANTITIES.items():
-        errors = [rmse(said, log, quantity, settle=_SETTLE) for log, said in runs]
-        shares = [inside(said, log, quantity, settle=_SETTLE) for log, said in runs]
-        found[name] = float(np.sqrt(np.mean(np.square(errors))))
-        found[f"{name.split(',')[0]} inside"] = float(np.mean(shares))
-    for end, below in (("lower", True), ("upper", False)):
-        bounds = [
-            said.values[f"friction_peak_{end}"][log.time - log.time[0] >= _SETTLE] for log, said in runs
-        ]
-        found[f"{end} bound"] = 100 * float(np.mean((np.concatenate(bounds) <= FRICTION) == below))
-    return found
-
-
-def study(count: int) -> Iterator[tuple[str, dict[str, float]]]:
-    """Row after row: the drive and the car."""
-    for drive in DRIVES:
-        for vehicle in VEHICLES:
-            print(f"{drive}, {vehicle}", file=sys.stderr)
-            try:
-                runs = driven(vehicle, drive, count)
-            except LeftTheRoad as error:  # there is nothing to estimate then
-                print(error, file=sys.stderr)
-                continue
-            yield f"{drive}, {vehicle}", judged(runs)
-
-
 def main() -> None:
     """Print the table."""
     use_compilation_cache()
-    rows = dict(study(count=8))
+    rows = dict(study(DRIVES, _QUANTITIES, FRICTION, count=8))
     print(
         "# Tight turns\n\n`python -m benchmarks.tight_turns`: roundabouts of 20 m, hairpins of 12 m on a"
         " slope, a ramp of 9 m (11 %), and\nbrakes in a bend of .7 g, on a road of"

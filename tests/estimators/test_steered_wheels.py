@@ -67,7 +67,7 @@ def _told(
     sample = {c: jnp.zeros(()) for c in meter.channels}
     state = meter.init()._replace(lean=Lean.upright())
     _, forces = meter.read(
-        state, sample, signals, jnp.asarray(SPEED), jnp.zeros(2), jnp.asarray(accel), jnp.ones(()),
-        jnp.asarray(0.01),
+        state, sample, signals, jnp.asarray(SPEED), jnp.zeros(2), jnp.asarray(accel), jnp.zeros(2),
+        jnp.ones(()), jnp.asarray(0.01),
     )  # fmt: skip
     return np.asarray(forces.across)

@@ -5,36 +5,35 @@ from __future__ import annotations
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from benchmarks.tight_turns import FRICTION, driven
+from benchmarks.by_bus import Runs, driven
+from benchmarks.tight_turns import DRIVES, FRICTION
 
-from roadstate.core import Estimates, Log, reference
+from roadstate.core import reference
 from roadstate.core.constants import GRAVITY
 from roadstate.estimators import build
 from roadstate.estimators.axle_forces import gains_aside, steered_cosines
 from roadstate.run import batch
 from roadstate.vehicles import Vehicle
 
-Runs = list[tuple[Log, Estimates]]
-
 
 @pytest.fixture(scope="module")
 def around() -> Runs:
-    return driven("family-car", "roundabouts", 2)
+    return driven("family-car", DRIVES["roundabouts"], 2)
 
 
 @pytest.fixture(scope="module")
 def braked() -> Runs:
-    return driven("family-car", "trail braking", 2)
+    return driven("family-car", DRIVES["trail braking"], 2)
 
 
 @pytest.fixture(scope="module")
 def downhill() -> Runs:
-    return driven("family-car", "10 % down", 2)
+    return driven("family-car", DRIVES["10 % down"], 2)
 
 
 @pytest.fixture(scope="module")
 def uphill() -> Runs:
-    return driven("family-car", "hairpins, 8 % up", 2)
+    return driven("family-car", DRIVES["hairpins, 8 % up"], 2)
 
 
 def test_the_road_of_a_roundabout_is_not_slippery(around: Runs) -> None:

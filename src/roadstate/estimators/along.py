@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from roadstate.vehicles import Vehicle
 
 SPEED, SLOPE, SLOPE_RATE, BIAS, SCALE = range(5)
+_LIGHTER = 0.3  # share of its weight by which no road makes a car lighter or heavier
 _CAUGHT = 2.0  # m/s: 1σ of what a sensor's lies do to the speed until they are found
 _LIGHTNESS = (0.3, 1.8)  # the file's mass over the car's, with any load and with none, if the file's had one
 
@@ -170,6 +171,17 @@ class AlongModel(StateSpaceModel):
         if "mounting_yaw" in self.states:
             error += x[self.place("mounting_yaw")] * u.smooth_across
         return error
+
+    def heave(self, gaussian: Gaussian, speed: Float[Array, ""]) -> Float[Array, " 2"]:
+        """By what share tires bear more where the road bends up, and 1σ of it: v² dθ/ds over g.
+
+        Args:
+            gaussian: of the states.
+            speed: m/s.
+        """
+        bends = jnp.stack([gaussian.mean[SLOPE_RATE], gaussian.std[SLOPE_RATE]])
+        share = bends * (speed / GRAVITY) ** 2
+        return share.at[0].set(jnp.clip(share[0], -_LIGHTER, _LIGHTER))
 
     def torque_error(self, x: Float[Array, " n"], u: AlongInput) -> Float[Array, ""]:
         """By how much less torques explain than there is, m/s²; nothing where none are told."""

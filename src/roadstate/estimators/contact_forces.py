@@ -155,9 +155,9 @@ class ForceMeter(eqx.Module):
         load = self.balance.loads(zero, zero)
         now, still, no = Current(two, two, two, load, zero), jnp.zeros((2, 2)), jnp.zeros((), bool)
         return AxleForces(
-            four, two, load, four, four, now, still, four, zero, two, four + jnp.inf, two + jnp.inf, two,
-            Lean.upright(), zero, zero, zero, zero, zero, zero, zero, zero + 1.0, zero, zero, zero + NEVER,
-            no, no, no,
+            four, two, load, four, four, now, still, four, zero, two, four + jnp.inf, two + jnp.inf, zero,
+            two, Lean.upright(), zero, zero, zero, zero, zero, zero, zero, zero + 1.0, zero, zero,
+            zero + NEVER, no, no, no,
         )  # fmt: skip
 
     def read(
@@ -168,6 +168,7 @@ class ForceMeter(eqx.Module):
         speed: Float[Array, ""],
         accel_error: Float[Array, " 2"],
         slope: Float[Array, ""],
+        heave: Float[Array, " 2"],
         lightness: Float[Array, ""],
         dt: Float[Array, ""],
     ) -> tuple[ForceMeterState, AxleForces]:
@@ -180,6 +181,7 @@ class ForceMeter(eqx.Module):
             speed: m/s, the estimate so far.
             accel_error: (2,) by how much the accelerometers are thought to read too high, m/s².
             slope: what gravity takes of the acceleration, as thought so far, m/s².
+            heave: by what share tires bear more as the road bends up, and 1σ of it.
             lightness: the file's mass over what the car is thought to have so far.
             dt: s.
         """
@@ -188,7 +190,7 @@ class ForceMeter(eqx.Module):
         lean, apart = self._leaning(state, accel, dt)
         leans = lean.ahead(SMOOTHING)
         sharp = self._freed(signals.now, leans) - accel_error
-        load = self.balance.loads(lean.transferred(), accel[1])
+        load = (1 + heave[0]) * self.balance.loads(lean.transferred(), accel[1])
         torques = self._pushes(state, drive, speed, dt)
         scene, brakes, turned = self._scene(
             state, signals, drive, torques, (accel, sharp), load, speed, slope, lightness, dt
@@ -201,7 +203,7 @@ class ForceMeter(eqx.Module):
         rough = state.rough - jnp.expm1(-dt / _ROUGH_TIME) * (shakes - state.rough)
         rough = jnp.minimum(rough, shakes)
         calm, swift = self._calmed(state.calm, fast, torques.share, rough, by_axle(load), dt)
-        bears = self.balance.loads(leans.transferred(), sharp[1])
+        bears = (1 + heave[0]) * self.balance.loads(leans.transferred(), sharp[1])
         ahead = jnp.stack([by_axle(fast.along) - by_axle(slow.along), fast.across - slow.across])
         calms = jnp.exp(-dt / _STIRRED)
         gust = force_errors.gust(scene.drag, speed)
@@ -221,6 +223,7 @@ class ForceMeter(eqx.Module):
             shaken=signals.shaken,
             along_std=split / jnp.maximum(load, 0.1 * jnp.mean(load)) + unsure,
             across_std=force_errors.across(self.balance, signals, scene, split),
+            load_std=heave[1],
             accel=accel,
             lean=lean,
             yaw_accel=signals.rate[YAW_RATE],

@@ -241,7 +241,10 @@ class Joint(Estimator[JointState]):
         error = jnp.stack([bias, jnp.zeros_like(bias)])
         moving = self.inputs.moving(state, sample, seen, reading.rolls)
         lightness = self.along.lightness(x)
-        meter, balance = self.forces.read(state.forces, sample, seen, moving, error, x[SLOPE], lightness, dt)
+        heave = self.along.heave(state.along.gaussian, moving)
+        meter, balance = self.forces.read(
+            state.forces, sample, seen, moving, error, x[SLOPE], heave, lightness, dt
+        )
         age = jnp.where(reading.verdict.lies[TORQUE], NEVER, balance.age)
         forces = balance._replace(age=age)
         moved = move(self, state, reading, forces, across, dt)

@@ -126,7 +126,14 @@ class WheelSharing(eqx.Module):
             held,
         )
         unseen = _twice(jnp.where(jnp.isfinite(forces.across_std), 0.0, _UNSEEN)) * calm
-        load_std = rss(known.mass_std * load, _STANDING * calm, _SHIFTED * (load - calm), unseen, shaken[2])
+        load_std = rss(
+            known.mass_std * load,
+            forces.load_std * load,
+            _STANDING * calm,
+            _SHIFTED * (load - calm),
+            unseen,
+            shaken[2],
+        )
         across = part * _twice(known.across)
         return WheelForces(along, along_std, across, across_std, known.mass * forces.now.load, load_std)
 
