@@ -180,9 +180,9 @@ class ForceBalance(eqx.Module):
 
         To roll without slip they would stand at δ(1 ± b δ/2L) for a track b (Ackermann); cars steer between
         that and parallel wheels (Gillespie, *Fundamentals of Vehicle Dynamics*, ch. 8), which push against
-        each other, whichever way they are steered.
+        each other, whichever way they are steered, and the other way as the car backs up.
         """
-        return 0.5 * self.splayed * (at.load[0] + at.load[1]) * at.sine**2
+        return at.forward * 0.5 * self.splayed * (at.load[0] + at.load[1]) * at.sine**2
 
     def _across(self, along: Array, accel_y: Array, yaw_accel: Array, at: Scene) -> Float[Array, " 2"]:
         """(2,) lateral forces of the axles in their wheels' frames, N."""

@@ -155,7 +155,9 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
     across = scale * lateral
     rough = rss(_ROUGH[1] * axles, shaken[1] * axles, _CG_ERROR * jnp.sum(lateral))
     missing = jnp.where(jnp.isfinite(forces.across_std), forces.across_std, 1.0) * axles
-    across_std = rss(scale_std * lateral, rough, leads[1], misread_std, missing)
+    # steered while they stand, tires push aside whatever the balance says
+    stands = parked(axles, mean[SPEED], jnp.zeros(()))
+    across_std = rss(scale_std * lateral, rough, leads[1], misread_std, missing, stands)
     for i, where in enumerate(("front", "rear")):
         tell(f"force_x_{where}", along[i], rss(along_std[i], leads[0, i], spread[i]))
         if joint.knows_sides:
