@@ -118,6 +118,18 @@ def test_rolls_back_in_first_gear(joint: Joint, drive: Drive, grade: float, fast
     assert np.mean(slope < 2 * said.std["grade"][TIME > 1]) > 0.95
 
 
+@pytest.mark.parametrize("fastest", [2.0, 6.0])
+def test_an_electric_car_backs_up_in_its_only_gear(
+    joint: Joint, drive: Drive, vehicle: Vehicle, fastest: float
+) -> None:
+    """Its motor turns backward, at up to more than any car rolls back in first gear."""
+    line = vehicle.driveline.model_copy(update={"gear_ratios": (3.6,)})
+    electric = build("joint", vehicle.model_copy(update={"driveline": line}), joint.channels)
+    speed = np.interp(TIME, [3, 9, 14, 20, 24, 34], [0, -fastest, -fastest, 0, 0, 10])
+    said = scan(electric, in_first(unsigned(drive(speed, np.zeros(len(TIME))), 1)))
+    assert np.max(np.abs(said.values["speed"] - speed)) < 0.6
+
+
 @pytest.mark.parametrize("accel", [0.2, 1.0, 3.0])
 @pytest.mark.parametrize("grade", [-0.2, 0.0, 0.2])
 def test_a_forward_gear_goes_forward(joint: Joint, drive: Drive, accel: float, grade: float) -> None:

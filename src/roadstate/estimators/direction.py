@@ -74,14 +74,17 @@ class Direction(eqx.Module):
     Attributes:
         wheels: channels of the wheels.
         radius: m.
+        shifts: whether there are several gears: an electric car's single one turns its motor backward.
     """
 
     wheels: tuple[str, ...] = eqx.field(static=True)
     radius: Float[Array, ""]
+    shifts: Bool[Array, ""]
 
     def __init__(self, vehicle: Vehicle, available: Collection[str]) -> None:
         self.wheels = tuple(w for w in WHEEL_SPEEDS if w in available)
         self.radius = leaf(vehicle.wheels.radius)
+        self.shifts = jnp.asarray(len(vehicle.driveline.gear_ratios) > 1)
 
     def init(self) -> DirectionState:
         """Forward, as far as is known: a log may begin at any speed."""
@@ -136,13 +139,14 @@ class Direction(eqx.Module):
         unseen = jnp.where(felt, 0.0, _UNSEEN**2 * dt)
         variance = jnp.where(stands, _DEAD_BAND**2, state.variance + unseen)
         total = variance + (rest_std * since) ** 2
-        prior = jnp.where(gear > 0, _GEARED, _PRIOR)
+        geared = (gear > 0) & self.shifts
+        prior = jnp.where(geared, _GEARED, _PRIOR)
         evidence = prior + 2 * speed * velocity / jnp.maximum(total, _DEAD_BAND**2)
         fits = (speed + velocity) ** 2 < _FITS**2 * total
         known = has_sign | (gear < 0)
         is_open = (stands | state.is_open) & ~known
         found = is_open & (evidence < -_SURE) & fits
-        fastest = jnp.where(gear > 0, _ROLLS_BACK, FASTEST_BACKWARD)
+        fastest = jnp.where(geared, _ROLLS_BACK, FASTEST_BACKWARD)
         backs = (found | (state.backs & ~stands)) & ~known & (speed < fastest)
         is_open = is_open & ~found & (evidence < prior + _SURE) & (speed < _SET_OFF)
         withheld = is_open & (evidence < _WITHHELD)

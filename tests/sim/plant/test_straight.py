@@ -116,6 +116,15 @@ def test_traction_control_limits_wheel_spin() -> None:
     assert speeds[1] > speeds[0]
 
 
+def test_motors_that_turn_backward_are_told_as_a_reverse_gear() -> None:
+    vehicle, road, t = load_vehicle("in-wheel-ev"), Plane(), samples(2.0)
+    plant = multibody_plant(vehicle)
+    backward = Controls.make(throttle=np.full(t.shape, 0.2), gear=np.full(t.shape, -1.0))
+    _, truth = drive(plant, road, start(plant, road, 0.0), backward)
+    assert float(truth.planar_velocity[-1, 0]) < -0.5
+    assert float(truth.gear_ratio[-1]) == -1.0
+
+
 @pytest.mark.parametrize("name", ["compact-car", "suv", "truck"])
 def test_drives_off_and_shifts(name: str) -> None:
     vehicle = load_vehicle(name)

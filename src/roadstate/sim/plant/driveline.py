@@ -141,7 +141,7 @@ class WheelMotors(Driveline):
 
     def ratio(self, memory: Memory) -> Numbers:
         """As :meth:`Driveline.ratio`."""
-        return jnp.abs(memory.gear)
+        return memory.gear
 
 
 class EngineDrive(Driveline):
