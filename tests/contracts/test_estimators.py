@@ -255,7 +255,7 @@ def test_a_stream_gives_the_numbers_of_a_scan(case: Case) -> None:
         estimate = stream.push(case.log.time[k], {n: v[k] for n, v in case.log.channels.items()})
         for got, expected in ((estimate.values, case.usual.values), (estimate.std, case.usual.std)):
             for name in expected:
-                assert float(got[name]) == pytest.approx(expected[name][k], rel=off, abs=min(off, 1e-9))
+                assert float(got[name]) == pytest.approx(expected[name][k], rel=off, abs=min(off, 1e-8))
         assert int(estimate.validity) == case.usual.validity[k]
 
 

@@ -31,7 +31,7 @@ def test_lateral_forces_follow_at_once() -> None:
             value, zero, jnp.ones(8, bool), value, zero, zero, zero, value, zero,
             shaking.size, jnp.zeros(8, bool),
         )  # fmt: skip
-        about = jnp.asarray(SPEED), jnp.zeros(2), still, jnp.ones(()), jnp.asarray(STEP)
+        about = jnp.asarray(SPEED), jnp.zeros(2), still, jnp.zeros(2), jnp.ones(()), jnp.asarray(STEP)
         state, forces = read(meter, state, {}, signals, *about)
         told.append(float(jnp.sum(forces.now.across)) / vehicle.mass)
     off = np.abs(np.array(told) - accel)
