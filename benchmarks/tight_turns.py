@@ -1,4 +1,4 @@
-"""Roundabouts, hairpins, the ramp of a car park, and brakes in a bend, by the estimator `joint`.
+"""Roundabouts, hairpins, the ramp of a car park, a parking space, and brakes in a bend, by `joint`.
 
 ``python -m benchmarks.tight_turns`` prints the table of ``benchmarks/results/tight_turns.md``: cars on the
 multibody plant, production sensors without satellites, vehicle files that are off by 5 to 10 %, a dry road.
@@ -29,6 +29,11 @@ FRICTION = 0.85
 _ROUNDABOUT, _CIRCUITS = 20.0, 2  # m, and how often
 _HAIRPIN, _HAIRPINS = 12.0, 6  # likewise
 _RAMP = 9.0  # m
+# s, and share of the lock, to the left
+_STEERED = (
+    np.array([0.0, 6, 9, 12, 15, 22, 25, 30, 33, 40]),
+    np.array([0.0, 0, 1, 1, -1, -1, 0.8, 0.8, -1, 0]),
+)
 _QUANTITIES = {
     "grade, %": "grade",
     "v_y, m/s": "velocity_y",
@@ -78,11 +83,39 @@ def trail_braking(vehicle: Vehicle) -> Manoeuvre:
     return Manoeuvre("trail", "trail braking", road, 23.0, script, straight())
 
 
+def parking(vehicle: Vehicle) -> Manoeuvre:
+    """Out of a space backward, lock to lock, at 1 to 3 m/s; steered at rest, and away forward."""
+    wheel = 15.0 * 0.4 if vehicle.steering is None else 0.4 * vehicle.steering.ratio
+
+    def steering_wheel(time: Array) -> Array:
+        return wheel * np.interp(time, _STEERED[0], _STEERED[1])
+
+    def throttle(time: Array) -> Array:
+        begins = ((time > 4) & (time < 8)) | ((time > 26) & (time < 30))
+        goes_on = ((time > 8) & (time < 16)) | ((time > 30) & (time < 40))
+        return np.where(begins, 0.14, np.where(goes_on, 0.05, 0.0))
+
+    def brake(time: Array) -> Array:
+        return np.where(time < 3, 0.3, np.where(((time > 17) & (time < 25)) | (time > 42), 0.12, 0.0))
+
+    script = Script.write(
+        SpeedPlan((0.0, 50.0), (0.0, 0.0)),
+        steering_wheel=steering_wheel,
+        throttle=throttle,
+        brake=brake,
+        gear=lambda time: np.where(time < 20, -1.0, 1.0),
+        pedals_from=0.0,
+    )
+    road = make_road([Bend(3000.0)], friction=uniform(FRICTION))
+    return Manoeuvre("parking", "parking", road, 0.0, script, straight())
+
+
 DRIVES = {
     "roundabouts": Scenario("roundabouts", "roundabouts of 20 m", roundabouts),
     "hairpins, 8 % up": Scenario("hairpins", "hairpins of 12 m, uphill", partial(hairpins, slope=0.08)),
     "10 % down": Scenario("hairpins-down", "hairpins of 12 m, downhill", partial(hairpins, slope=-0.1)),
     "ramp": Scenario("ramp", "a car park's ramp", ramp),
+    "parking": Scenario("parking", "out of a parking space", parking),
     "trail braking": Scenario("trail", "braked in a bend of .7 g", trail_braking),
 }
 
@@ -108,9 +141,9 @@ def main() -> None:
     rows = dict(study(DRIVES, _QUANTITIES, FRICTION, count=8))
     print(
         "# Tight turns\n\n`python -m benchmarks.tight_turns`: roundabouts of 20 m, hairpins of 12 m on a"
-        " slope, a ramp of 9 m (11 %), and\nbrakes in a bend of .7 g, on a road of"
-        f" {FRICTION}; eight recordings each. RMSE, and shares (per cent) of samples within\nthe 95 %"
-        " interval, and with the friction above its lower and below its upper 5 % bound.\n"
+        " slope, a ramp of 9 m (11 %), a\nparking space left lock to lock, and brakes in a bend of .7 g, on a"
+        f" road of {FRICTION}; eight recordings each.\nRMSE, and shares (per cent) of samples within the 95 %"
+        " interval, and with the friction above its lower and below its\nupper 5 % bound.\n"
     )
     print(table("joint, bus alone", rows))
 

@@ -107,6 +107,21 @@ def test_an_accelerometer_on_the_windscreen_is_one_in_the_middle(around: Runs, v
     assert ahead * np.max(turning**2) / GRAVITY > 0.015
 
 
+def test_parking() -> None:
+    """Steered wheels push against each other, backward the other way round, and those steered at rest push
+    aside by a tenth of their load, which no balance tells."""
+    for log, said in driven("family-car", DRIVES["parking"], 2):
+        assert log["ref_velocity_x"].min() < -1.0 < 1.0 < log["ref_velocity_x"].max()
+        later = log.time - log.time[0] > 5.0
+        for axle in ("front", "rear"):
+            off = said.values[f"force_y_{axle}"] - reference(f"force_y_{axle}", log.channels)
+            assert np.mean(np.abs(off[later]) < 1.96 * said.std[f"force_y_{axle}"][later]) > 0.87
+        off = np.tan(said.values["grade"]) - np.tan(log["ref_grade"])
+        assert np.sqrt(np.mean(off[later] ** 2)) < 0.008
+        assert (said.values["friction_peak_lower"] < FRICTION).all()
+        assert not said.metadata["faults"]
+
+
 def test_an_inner_wheel_that_locks_is_no_grip(braked: Runs) -> None:
     """The rear axle's inner wheel slides along, and the outer bears the axle across."""
     for log, said in braked:
