@@ -13,10 +13,19 @@ from benchmarks.accuracy.scenarios import SATELLITE, VEHICLES, LeftTheRoad, Scen
 from roadstate.core import Estimates, Log
 from roadstate.estimators import build
 from roadstate.run import batch
+from roadstate.sim.manoeuvres import Manoeuvre, Script
+from roadstate.sim.manoeuvres.path import straight
+from roadstate.sim.roads.road import Road
+from roadstate.sim.speed_plan import SpeedPlan
 
 Runs = list[tuple[Log, Estimates]]
 SETTLE = 5.0
 """s of a log's start that do not count."""
+
+
+def planned(name: str, road: Road, plan: SpeedPlan) -> Manoeuvre:
+    """Along a road at planned speeds, by a driver who holds them."""
+    return Manoeuvre(name, name, road, plan.speed[0], Script.write(plan), straight())
 
 
 def driven(vehicle: str, drive: Scenario, count: int) -> Runs:

@@ -11,13 +11,12 @@ from typing import Any
 
 import numpy as np
 from benchmarks.accuracy.scenarios import Scenario
-from benchmarks.by_bus import study
+from benchmarks.by_bus import planned, study
 from benchmarks.real_logs import table
 from numpy.typing import NDArray
 
 from roadstate.core.numerics import use_compilation_cache
-from roadstate.sim.manoeuvres import Manoeuvre, Script
-from roadstate.sim.manoeuvres.path import straight
+from roadstate.sim.manoeuvres import Manoeuvre
 from roadstate.sim.roads.centreline import Along, Bend, make_road
 from roadstate.sim.roads.friction import uniform
 from roadstate.sim.speed_plan import SpeedPlan
@@ -57,7 +56,7 @@ def braked(vehicle: Vehicle, *, wave: tuple[float, float]) -> Manoeuvre:
             times.append(times[-1] + seconds)
             speeds.append(speed)
     road = make_road([Bend(3000.0)], friction=uniform(FRICTION), height=waves(*wave))
-    return _planned("braked", road, SpeedPlan(tuple(times), tuple(speeds)))
+    return planned("braked", road, SpeedPlan(tuple(times), tuple(speeds)))
 
 
 def bend(vehicle: Vehicle) -> Manoeuvre:
@@ -65,7 +64,7 @@ def bend(vehicle: Vehicle) -> Manoeuvre:
     bends = [Bend(60.0), Bend(30.0, 0.0, 1 / _RADIUS), Bend(3000.0, 1 / _RADIUS)]
     road = make_road(bends, friction=uniform(FRICTION), height=waves(*HILLS))
     plan = SpeedPlan((0.0, 4.0, 12.0, 30.0, 34.0, 40.0), (14.0, 14.0, 21.5, 21.5, 15.0, 21.0))
-    return _planned("bend", road, plan)
+    return planned("bend", road, plan)
 
 
 def winding(vehicle: Vehicle) -> Manoeuvre:
@@ -75,7 +74,7 @@ def winding(vehicle: Vehicle) -> Manoeuvre:
         sharp = (1 if i % 2 else -1) / 90.0
         bends += [Bend(25.0, 0.0, sharp), Bend(40.0, sharp), Bend(25.0, sharp, 0.0)]
     road = make_road([*bends, Bend(400.0)], friction=uniform(FRICTION), height=waves(0.5, 140.0))
-    return _planned("winding", road, SpeedPlan.constant(17.0, 45.0))
+    return planned("winding", road, SpeedPlan.constant(17.0, 45.0))
 
 
 DRIVES = {
@@ -84,10 +83,6 @@ DRIVES = {
     "hills, winding": Scenario("hills-winding", "hills of 140 m, on a winding road", winding),
     "humps, braked": Scenario("humps-braked", "humps of 120 m, braked", partial(braked, wave=HUMPS)),
 }
-
-
-def _planned(name: str, road: Any, plan: SpeedPlan) -> Manoeuvre:
-    return Manoeuvre(name, name, road, plan.speed[0], Script.write(plan), straight())
 
 
 def main() -> None:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 from benchmarks.accuracy.scenarios import Scenario
-from benchmarks.by_bus import study
+from benchmarks.by_bus import planned, study
 from benchmarks.real_logs import table
 from numpy.typing import NDArray
 
@@ -20,7 +20,6 @@ from roadstate.sim.manoeuvres import Manoeuvre, Script
 from roadstate.sim.manoeuvres.path import straight
 from roadstate.sim.roads.centreline import Along, Bend, make_road
 from roadstate.sim.roads.friction import uniform
-from roadstate.sim.roads.road import Road
 from roadstate.sim.speed_plan import SpeedPlan
 from roadstate.vehicles import Vehicle
 
@@ -51,7 +50,7 @@ def roundabouts(vehicle: Vehicle) -> Manoeuvre:
         back = [Bend(6, around, inward), Bend(10, inward), Bend(6, inward, 0)]
         bends += [*turns, Bend(60, around), *back, Bend(80.0)]
     road = make_road([*bends, Bend(200.0)], friction=uniform(FRICTION))
-    return _steady("roundabouts", road, 7.0, 48.0)
+    return planned("roundabouts", road, SpeedPlan.constant(7.0, 48.0))
 
 
 def hairpins(vehicle: Vehicle, *, slope: float) -> Manoeuvre:
@@ -61,14 +60,14 @@ def hairpins(vehicle: Vehicle, *, slope: float) -> Manoeuvre:
         sharp = (1 if i % 2 else -1) / _HAIRPIN
         bends += [Bend(8.0, 0.0, sharp), Bend(30.0, sharp), Bend(8.0, sharp, 0.0), Bend(30.0)]
     road = make_road([*bends, Bend(200.0)], friction=uniform(FRICTION), height=_climb(slope))
-    return _steady("hairpins", road, 6.0, 80.0)
+    return planned("hairpins", road, SpeedPlan.constant(6.0, 80.0))
 
 
 def ramp(vehicle: Vehicle) -> Manoeuvre:
     """Up the ramp of a car park: twice around to the left, 9 m from the middle, 11 % steep."""
     bends = [Bend(60.0), Bend(10, 0, 1 / _RAMP), Bend(130, 1 / _RAMP)]
     road = make_road(bends, friction=uniform(FRICTION), height=_climb(0.11))
-    return _steady("ramp", road, 3.5, 50.0)
+    return planned("ramp", road, SpeedPlan.constant(3.5, 50.0))
 
 
 def trail_braking(vehicle: Vehicle) -> Manoeuvre:
@@ -128,11 +127,6 @@ def _climb(slope: float) -> Along:
         return np.where(s < 50, rise * (s - 30) / 2, slope * (s - 40)), rise
 
     return height
-
-
-def _steady(name: str, road: Road, speed: float, seconds: float) -> Manoeuvre:
-    plan = SpeedPlan.constant(speed, seconds)
-    return Manoeuvre(name, name, road, speed, Script.write(plan), straight())
 
 
 def main() -> None:

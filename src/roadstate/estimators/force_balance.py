@@ -118,8 +118,7 @@ class ForceBalance(eqx.Module):
         self.driven = jnp.asarray(driven / driven.sum())
         self.half_track = jnp.asarray(np.array(vehicle.geometry.half_tracks))
         brakes = vehicle.brakes
-        geometry = vehicle.geometry
-        ackermann = geometry.track_front / (geometry.cg_to_front_axle + geometry.cg_to_rear_axle)
+        ackermann = vehicle.geometry.track_front / vehicle.wheelbase
         self.splayed = leaf(_PARALLEL * ackermann * vehicle.tires.cornering_stiffness_rear)
         self._braked = None
         if brakes is not None:

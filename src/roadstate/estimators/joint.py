@@ -256,9 +256,17 @@ class Joint(Estimator[JointState]):
         gain = self.along.speeds_up(along.gaussian.mean, u)
         rolling = self.along.rolling(along.gaussian, speed)
         since = jnp.where(state.speed_age < NEVER, dt, NEVER)
-        sine = along.gaussian.mean[SLOPE] / GRAVITY
         contact, touch = self.contact.touch(
-            state.contact, seen, forces, speed, rolling, gain, sine, GRAVITY * banking, reading.slides, since
+            state.contact,
+            seen,
+            forces,
+            speed,
+            rolling,
+            gain,
+            moved.sine,
+            GRAVITY * banking,
+            reading.slides,
+            since,
         )
         late = self.watch.lateness(reading.watch, WHEEL_SPEEDS) * gain / jnp.maximum(jnp.abs(speed), 1.0)
         touch = touch._replace(slip_shared=rss(touch.slip_shared, jnp.max(jnp.abs(late))))
@@ -299,13 +307,12 @@ class Joint(Estimator[JointState]):
         """State of the roll meter, and the bank that it tells with its 1σ, rad."""
         if "roll_rate" not in self.channels:
             return state.roll, jnp.asarray([0.0, jnp.inf])
-        sine = moved.filter.gaussian.mean[SLOPE] / GRAVITY
         # how fast v_y changes in a spin, no yaw acceleration tells
         unsure = jnp.where(reading.slides, 1.0, moved.sideslip[1])
         sideslip = jnp.stack([moved.sideslip[0], unsure])
         ahead = jnp.stack([across[0][LEVER], across[1][LEVER]])
         return self.roll.read(
-            state.roll, reading.sample, reading.seen, sine, moved.speed, sideslip, ahead, dt
+            state.roll, reading.sample, reading.seen, moved.sine, moved.speed, sideslip, ahead, dt
         )
 
     def _fault_age(

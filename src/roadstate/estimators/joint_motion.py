@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float
 
 from roadstate.core.constants import GRAVITY
 from roadstate.core.gaussian import Info
-from roadstate.estimators.along import SPEED, AlongInput
+from roadstate.estimators.along import SLOPE, SPEED, AlongInput
 from roadstate.estimators.axle_forces import AxleForces
 from roadstate.estimators.intake import ACCEL_X, STALE, WHEEL_SPEEDS, YAW_RATE
 from roadstate.estimators.joint_reading import Reading
@@ -58,6 +58,11 @@ class Along(NamedTuple):
     def speed(self) -> Float[Array, ""]:
         """m/s."""
         return self.filter.gaussian.mean[SPEED]
+
+    @property
+    def sine(self) -> Float[Array, ""]:
+        """Of the road's slope."""
+        return self.filter.gaussian.mean[SLOPE] / GRAVITY
 
 
 def move(
