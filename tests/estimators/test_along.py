@@ -19,6 +19,7 @@ from roadstate.estimators.along import BIAS, SLOPE, SPEED, AlongInput, AlongMode
 from roadstate.estimators.loading import Loading
 from roadstate.estimators.pitch import Pitching
 from roadstate.estimators.slow_errors import LATE
+from roadstate.estimators.undulation import Undulation
 from roadstate.filters import KF, FilterState
 from roadstate.run import batch
 from roadstate.tires.smooth import Numbers
@@ -43,7 +44,7 @@ def given(speed: Numbers, accel: Numbers, slip: Numbers) -> AlongInput:
         lasting=zero + accel, drive=zero, brake=zero, rolling=zero, lever=zero, turned=zero,
         speed=zero + speed, passing=zero + speed, intensity=zero + 0.02, smooth_across=zero,
         turning=zero, pitching=Pitching(zero, zero), slip=jnp.full(4, slip),
-        loading=Loading.none(jnp.zeros((3, 2))), sensor_std=jnp.full(4, NOISE),
+        loading=Loading.none(jnp.zeros((3, 2))), undulation=Undulation.none(), sensor_std=jnp.full(4, NOISE),
     )  # fmt: skip
 
 

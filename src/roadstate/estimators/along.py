@@ -23,6 +23,7 @@ from roadstate.estimators.pitch import Pitching
 from roadstate.estimators.road import GradePrior
 from roadstate.estimators.signals import way
 from roadstate.estimators.slow_errors import LATE, WIND, slow_errors, slow_factor
+from roadstate.estimators.undulation import Undulation
 from roadstate.linalg import root, rss
 from roadstate.statespace import StateSpaceModel
 
@@ -56,6 +57,7 @@ class AlongInput(NamedTuple):
         turning: yaw rate, rad/s.
         pitching: what turns the body's attitude.
         loading: of goods or passengers, which may just have been noticed.
+        undulation: of the road, so far.
         slip: (4,) what the force of each wheel makes it slip.
         sensor_std: (m,) 1σ of a sample.
     """
@@ -77,6 +79,7 @@ class AlongInput(NamedTuple):
     turning: Float[Array, ""]
     pitching: Pitching
     loading: Loading
+    undulation: Undulation
     slip: Float[Array, " 4"]
     sensor_std: Float[Array, " m"]
 
@@ -276,7 +279,7 @@ class AlongModel(StateSpaceModel):
         """White acceleration, the road, and what slowly forgets."""
         blocks = [
             u.intensity[None, None] * root(dt),
-            self.road.sqrt_Q(u.passing * dt),
+            u.undulation.scale * self.road.sqrt_Q(u.passing * dt),
             self._slow_noise(u, dt),
         ]
         if "attitude" in self.states:
@@ -311,6 +314,23 @@ class AlongModel(StateSpaceModel):
         predicted = keeps * old.mean[at], keeps**2 * jnp.sum(old.factor[at] ** 2) + fresh
         corrected = new.mean[at], jnp.sum(new.factor[at] ** 2)
         return before.take(predicted, corrected, self.gains(new), new.mean[SPEED], dt)
+
+    def undulation(self, old: Gaussian, new: Gaussian, u: AlongInput, dt: Float[Array, ""]) -> Undulation:
+        """How fast the road changes its slope, as a step's correction of that says.
+
+        Args:
+            old: states after the sample before.
+            new: states after this one.
+            u: what is known of it.
+            dt: s.
+        """
+        passed = u.passing * dt
+        row = self.road.transition(passed)[1]
+        fresh = u.undulation.scale * self.road.sqrt_Q(passed)[1]
+        foreseen = jnp.sum((row @ old.factor[SLOPE : SLOPE_RATE + 1]) ** 2) + jnp.sum(fresh**2)
+        gone = jnp.maximum(foreseen - jnp.sum(new.factor[SLOPE_RATE] ** 2), 0.0)
+        correction = new.mean[SLOPE_RATE] - row @ old.mean[SLOPE : SLOPE_RATE + 1]
+        return u.undulation.take(correction, gone, jnp.abs(u.speed) * dt)
 
     def gains(self, gaussian: Gaussian) -> Float[Array, "3 2"]:
         """Of the torques of drive and brakes, as :attr:`Loading.gains` has them; 0 where there are none."""

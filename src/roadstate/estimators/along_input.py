@@ -229,6 +229,7 @@ class AlongIntake(eqx.Module):
             turning=turning,
             pitching=Pitching(jnp.zeros(()), jnp.zeros(())),
             loading=state.loading,
+            undulation=state.undulation,
             slip=self.rims.slips(forces.steady, forces.load),
             sensor_std=jnp.zeros(0),
         )

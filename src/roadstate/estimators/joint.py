@@ -45,6 +45,7 @@ from roadstate.estimators.shortfall import Shortfall
 from roadstate.estimators.sideways import LEVER
 from roadstate.estimators.signals import NEVER
 from roadstate.estimators.tire_contact import ContactState, TireContact
+from roadstate.estimators.undulation import Undulation
 from roadstate.estimators.watch import Watch, WatchState
 from roadstate.estimators.wheel_forces import WheelSharing
 from roadstate.estimators.wheel_rims import RimState
@@ -66,7 +67,7 @@ class JointState(NamedTuple):
 
     Attributes:
         watch, signals, direction, radii, trust, forces, rims, along, contact, bank, pace, pitch, roll,
-            unrest, loading, shortfall: the parts'.
+            unrest, loading, undulation, shortfall: the parts'.
         speed_age: s since anything told the speed.
         against: samples of the speed signal, in a row, that the wheels confirm and the filter contradicts;
             or how many of them wheels that roll freely are worth.
@@ -93,6 +94,7 @@ class JointState(NamedTuple):
     roll: RollState
     unrest: Unrest
     loading: Loading
+    undulation: Undulation
     shortfall: Shortfall
     speed_age: Float[Array, ""]
     against: Float[Array, ""]
@@ -222,6 +224,7 @@ class Joint(Estimator[JointState]):
             roll=self.roll.init(),
             unrest=self.inputs.start(),
             loading=Loading.none(self.along.gains(self.along.prior())),
+            undulation=Undulation.none(),
             shortfall=Shortfall.none(),
             speed_age=zero + NEVER,
             against=zero,
@@ -288,6 +291,7 @@ class Joint(Estimator[JointState]):
             roll=roll,
             unrest=unrest,
             loading=loading,
+            undulation=self.along.undulation(state.along.gaussian, along.gaussian, u, dt),
             shortfall=shortfall,
             speed_age=jnp.where(moved.tells, 0.0, state.speed_age + dt),
             against=sound.against,
