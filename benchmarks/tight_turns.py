@@ -1,4 +1,4 @@
-"""Roundabouts, hairpins, the ramp of a car park, a parking space, and brakes in a bend, by `joint`.
+"""Roundabouts, hairpins, a car park's ramp, parking spaces, and brakes in a bend, by `joint`.
 
 ``python -m benchmarks.tight_turns`` prints the table of ``benchmarks/results/tight_turns.md``: cars on the
 multibody plant, production sensors without satellites, vehicle files that are off by 5 to 10 %, a dry road.
@@ -82,8 +82,11 @@ def trail_braking(vehicle: Vehicle) -> Manoeuvre:
     return Manoeuvre("trail", "trail braking", road, 23.0, script, straight())
 
 
-def parking(vehicle: Vehicle) -> Manoeuvre:
-    """Out of a space backward, lock to lock, at 1 to 3 m/s; steered at rest, and away forward."""
+def parking(vehicle: Vehicle, *, slope: float) -> Manoeuvre:
+    """Out of a space backward, lock to lock, at 1 to 3 m/s; steered at rest, and away forward.
+
+    On a plane: where it is tilted, the slope along the car turns under it.
+    """
     wheel = 15.0 * 0.4 if vehicle.steering is None else 0.4 * vehicle.steering.ratio
 
     def steering_wheel(time: Array) -> Array:
@@ -105,7 +108,7 @@ def parking(vehicle: Vehicle) -> Manoeuvre:
         gear=lambda time: np.where(time < 20, -1.0, 1.0),
         pedals_from=0.0,
     )
-    road = make_road([Bend(3000.0)], friction=uniform(FRICTION))
+    road = make_road([Bend(3000.0)], friction=uniform(FRICTION), height=lambda s: (slope * s, slope + 0 * s))
     return Manoeuvre("parking", "parking", road, 0.0, script, straight())
 
 
@@ -114,7 +117,8 @@ DRIVES = {
     "hairpins, 8 % up": Scenario("hairpins", "hairpins of 12 m, uphill", partial(hairpins, slope=0.08)),
     "10 % down": Scenario("hairpins-down", "hairpins of 12 m, downhill", partial(hairpins, slope=-0.1)),
     "ramp": Scenario("ramp", "a car park's ramp", ramp),
-    "parking": Scenario("parking", "out of a parking space", parking),
+    "parking": Scenario("parking", "out of a parking space", partial(parking, slope=0.0)),
+    "6 % up": Scenario("parking-tilted", "out of one that is tilted", partial(parking, slope=0.06)),
     "trail braking": Scenario("trail", "braked in a bend of .7 g", trail_braking),
 }
 
@@ -135,9 +139,10 @@ def main() -> None:
     rows = dict(study(DRIVES, _QUANTITIES, FRICTION, count=8))
     print(
         "# Tight turns\n\n`python -m benchmarks.tight_turns`: roundabouts of 20 m, hairpins of 12 m on a"
-        " slope, a ramp of 9 m (11 %), a\nparking space left lock to lock, and brakes in a bend of .7 g, on a"
-        f" road of {FRICTION}; eight recordings each.\nRMSE, and shares (per cent) of samples within the 95 %"
-        " interval, and with the friction above its lower and below its\nupper 5 % bound.\n"
+        " slope, a ramp of 9 m (11 %), a\nparking space left lock to lock, level and tilted by 6 %, and brakes"
+        f" in a bend of .7 g, on a road of {FRICTION}; eight\nrecordings each. RMSE, and shares (per cent) of"
+        " samples within the 95 % interval, and with the friction above its\nlower and below its upper 5 %"
+        " bound.\n"
     )
     print(table("joint, bus alone", rows))
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from jaxtyping import Array
 from numpy.typing import NDArray
+from tests.estimators.along_case import NOISE, given
 
 from roadstate.core import Log
 from roadstate.core.channels import WHEELS
@@ -17,16 +18,12 @@ from roadstate.core.gaussian import Gaussian
 from roadstate.estimators import build
 from roadstate.estimators.along import BIAS, SLOPE, SPEED, AlongInput, AlongModel
 from roadstate.estimators.loading import Loading
-from roadstate.estimators.pitch import Pitching
 from roadstate.estimators.slow_errors import LATE
-from roadstate.estimators.undulation import Undulation
 from roadstate.filters import KF, FilterState
 from roadstate.run import batch
-from roadstate.tires.smooth import Numbers
 from roadstate.vehicles import Vehicle, load_vehicle
 
 DT = 0.01
-NOISE = 0.05  # m/s: of a wheel's speed
 FORCES = {"drive": 1.1, "brake": 0.3, "rolling": 9.8, "turned": 0.2}
 CHANNELS = ("accel_x", *(f"wheel_speed_{w}" for w in WHEELS))
 
@@ -34,18 +31,6 @@ CHANNELS = ("accel_x", *(f"wheel_speed_{w}" for w in WHEELS))
 @pytest.fixture(scope="module")
 def model() -> AlongModel:
     return AlongModel(load_vehicle("family-car"), CHANNELS, torque_of=None)
-
-
-def given(speed: Numbers, accel: Numbers, slip: Numbers) -> AlongInput:
-    """Straight on, with forces that make each wheel slip as said."""
-    zero = jnp.zeros(())
-    return AlongInput(
-        accel=zero + accel, by_torque=zero > 0, gaining=zero + accel, lean=zero + accel,
-        lasting=zero + accel, drive=zero, brake=zero, rolling=zero, lever=zero, turned=zero,
-        speed=zero + speed, passing=zero + speed, intensity=zero + 0.02, smooth_across=zero,
-        turning=zero, pitching=Pitching(zero, zero), slip=jnp.full(4, slip),
-        loading=Loading.none(jnp.zeros((3, 2))), undulation=Undulation.none(), sensor_std=jnp.full(4, NOISE),
-    )  # fmt: skip
 
 
 def test_a_wheel_tells_speed_slip_and_what_it_slips_beyond(model: AlongModel) -> None:

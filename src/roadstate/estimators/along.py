@@ -23,6 +23,7 @@ from roadstate.estimators.pitch import Pitching
 from roadstate.estimators.road import GradePrior
 from roadstate.estimators.signals import way
 from roadstate.estimators.slow_errors import LATE, WIND, slow_errors, slow_factor
+from roadstate.estimators.tilted_plane import wander
 from roadstate.estimators.undulation import Undulation
 from roadstate.linalg import root, rss
 from roadstate.statespace import StateSpaceModel
@@ -58,6 +59,7 @@ class AlongInput(NamedTuple):
         pitching: what turns the body's attitude.
         loading: of goods or passengers, which may just have been noticed.
         undulation: of the road, so far.
+        tilting: how fast the slope changes as the car turns on a plane, m/s³, and 1σ of that.
         slip: (4,) what the force of each wheel makes it slip.
         sensor_std: (m,) 1σ of a sample.
     """
@@ -80,6 +82,7 @@ class AlongInput(NamedTuple):
     pitching: Pitching
     loading: Loading
     undulation: Undulation
+    tilting: Float[Array, " 2"]
     slip: Float[Array, " 4"]
     sensor_std: Float[Array, " m"]
 
@@ -153,7 +156,7 @@ class AlongModel(StateSpaceModel):
     def f(self, x: Float[Array, " n"], u: AlongInput, dt: Float[Array, ""]) -> Float[Array, " n"]:
         """Explicit Euler in the speed, exact in the rest."""
         count = len(self.slow_time)
-        road = self.road.transition(u.passing * dt) @ x[1:3]
+        road = (self.road.transition(u.passing * dt) @ x[1:3]).at[0].add(dt * u.tilting[0])
         slow = x[3 : 3 + count] * jnp.exp(-dt * self._fades(u))
         if "mass" in self.states:
             gains = self._gains - 3
@@ -233,6 +236,14 @@ class AlongModel(StateSpaceModel):
         slow = slow.at[gains, at].set(shared).at[gains, gains].set(own)
         return slow.at[at, at].set(rss(slow[at, at], loads))
 
+    def _road_noise(self, u: AlongInput, dt: Float[Array, ""]) -> Float[Array, "2 2"]:
+        """Factor of what slope and its rate change by, of a road that goes on and of a place that tilts."""
+        (first, _), (cross, last) = u.undulation.scale * self.road.sqrt_Q(u.passing * dt)
+        whole = rss(first, wander(u.tilting, dt))
+        share = cross * first / jnp.where(whole > 0, whole, 1.0)
+        own = root(last**2 + cross**2 - share**2)
+        return jnp.stack([jnp.stack([whole, jnp.zeros_like(whole)]), jnp.stack([share, own])])
+
     def speeds_up(self, x: Float[Array, " n"], u: AlongInput) -> Float[Array, ""]:
         """dv_x/dt, m/s²: by the accelerometer, or by torques and what has been learnt of those."""
         return u.accel - x[SLOPE] + jnp.where(u.by_torque, self.torque_error(x, u), -self.accel_error(x, u))
@@ -279,7 +290,7 @@ class AlongModel(StateSpaceModel):
         """White acceleration, the road, and what slowly forgets."""
         blocks = [
             u.intensity[None, None] * root(dt),
-            u.undulation.scale * self.road.sqrt_Q(u.passing * dt),
+            self._road_noise(u, dt),
             self._slow_noise(u, dt),
         ]
         if "attitude" in self.states:

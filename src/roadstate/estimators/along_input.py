@@ -230,6 +230,7 @@ class AlongIntake(eqx.Module):
             pitching=Pitching(jnp.zeros(()), jnp.zeros(())),
             loading=state.loading,
             undulation=state.undulation,
+            tilting=jnp.zeros(2),
             slip=self.rims.slips(forces.steady, forces.load),
             sensor_std=jnp.zeros(0),
         )

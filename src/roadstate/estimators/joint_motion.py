@@ -17,6 +17,7 @@ from roadstate.estimators.joint_reading import Reading
 from roadstate.estimators.pitch import PitchState
 from roadstate.estimators.radii import RadiiState
 from roadstate.estimators.sideways import BANK, V_Y
+from roadstate.estimators.tilted_plane import tilting
 from roadstate.estimators.wheel_rims import RimState
 from roadstate.filters import FilterState
 from roadstate.linalg import root, rss
@@ -100,10 +101,11 @@ def move(
     lasting = jnp.sqrt(_LATE_TIME / jnp.clip(since, _LEAST_STEP, _LATE_TIME))
     alike = root(joint.watch.alike(watch, joint.sensors))
     u = u._replace(sensor_std=rss(alike * u.sensor_std, lag * u.gaining * lasting))
+    bank = jnp.stack([across[0][BANK], across[1][BANK]])
+    u = u._replace(tilting=tilting(u.speed, u.turning, bank))
     pitch = state.pitch
     if "attitude" in joint.sensors:
-        tilt = jnp.stack([across[0][BANK], across[1][BANK]]) / GRAVITY
-        pitch, pitching = joint.pitch.read(pitch, sample, u.turning, u.smooth_across, tilt, dt)
+        pitch, pitching = joint.pitch.read(pitch, sample, u.turning, u.smooth_across, bank / GRAVITY, dt)
         u = u._replace(pitching=pitching)
         is_attitude = np.array([s == "attitude" for s in joint.sensors])
         z = jnp.where(is_attitude & (pitch.gyro.rate.age > 0), jnp.nan, z)

@@ -1,0 +1,50 @@
+"""How the slope along a car changes as it turns on ground that does not turn with it."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from tests.estimators.along_case import given
+
+from roadstate.core.constants import GRAVITY
+from roadstate.estimators.along import SLOPE, SLOPE_RATE, AlongModel
+from roadstate.estimators.tilted_plane import tilting, wander
+from roadstate.vehicles import Vehicle
+
+
+@pytest.mark.parametrize("heading", np.linspace(-3.0, 3.0, 7))
+@pytest.mark.parametrize("turning", [0.5, -0.3])
+def test_a_plane_and_a_road_are_both_within_one_sigma(heading: float, turning: float) -> None:
+    """On a plane, by the chain rule; on a road, not at all."""
+    left, step = -0.06 * np.sin(heading), 1e-6
+    exact = 0.06 * (np.cos(heading + turning * step) - np.cos(heading)) / step
+    told = tilting(jnp.asarray(2.0), jnp.asarray(turning), jnp.asarray([GRAVITY * left, 0.0]))
+    mean, std = np.asarray(told) / GRAVITY
+    assert mean + np.sign(exact) * std == pytest.approx(exact, abs=1e-6)
+    assert mean - np.sign(exact) * std == pytest.approx(0.0, abs=1e-9)
+
+
+def test_on_the_road_slopes_go_along() -> None:
+    for speed in (6.0, -6.0, 30.0):
+        assert not tilting(jnp.asarray(speed), jnp.asarray(0.5), jnp.asarray([0.5, 0.1])).any()
+
+
+def test_a_turn_s_error_is_as_wide_as_its_steps() -> None:
+    """Over T = 2 s steps add up to √2 times an error that lasts: white noise like one that fades with T."""
+    tilt, dt = jnp.asarray([0.0, 0.3]), jnp.asarray(0.01)
+    assert 200 * float(wander(tilt, dt)) ** 2 == pytest.approx(2 * (0.3 * 2.0) ** 2, rel=1e-3)
+
+
+def test_the_slope_errs_by_the_road_and_by_the_tilt(vehicle: Vehicle) -> None:
+    """Variances add; how the slope's rate goes with the road is as it was."""
+    model = AlongModel(vehicle, ("accel_x", "wheel_speed_rl", "wheel_speed_rr"), torque_of=None)
+    u, dt = given(3.0, 0.0, 0.0), jnp.asarray(0.01)
+    both = []
+    for tilt in ((0.0, 0.0), (0.1, 0.3)):
+        u = u._replace(tilting=jnp.asarray(tilt))
+        factor = np.asarray(model.sqrt_Q(u, dt))[SLOPE : SLOPE_RATE + 1]
+        both.append(factor @ factor.T)
+    level, tilted = both
+    assert tilted[0, 0] == pytest.approx(level[0, 0] + float(wander(u.tilting, dt)) ** 2, rel=1e-5)
+    np.testing.assert_allclose(tilted[1], level[1], rtol=1e-4)
