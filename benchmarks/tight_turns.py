@@ -139,10 +139,10 @@ def main() -> None:
     rows = dict(study(DRIVES, _QUANTITIES, FRICTION, count=8))
     print(
         "# Tight turns\n\n`python -m benchmarks.tight_turns`: roundabouts of 20 m, hairpins of 12 m on a"
-        " slope, a ramp of 9 m (11 %), a\nparking space left lock to lock, level and tilted by 6 %, and brakes"
-        f" in a bend of .7 g, on a road of {FRICTION}; eight\nrecordings each. RMSE, and shares (per cent) of"
-        " samples within the 95 % interval, and with the friction above its\nlower and below its upper 5 %"
-        " bound.\n"
+        " slope, a ramp of 9 m (11 %), a\nparking space left lock to lock, level and tilted by 6 %, and"
+        f" brakes in a bend of .7 g, on a road of {FRICTION}; eight\nrecordings each. RMSE, and shares (per"
+        " cent) of samples within the 95 % interval, and with the friction above its\nlower and below its"
+        " upper 5 % bound.\n"
     )
     print(table("joint, bus alone", rows))
 
