@@ -1,4 +1,4 @@
-"""Roads that rise and fall, which make a car heavier and lighter by turns, by the estimator `joint`.
+"""Roads that rise and fall, which make a car heavier and lighter by turns, and steep streets, by `joint`.
 
 ``python -m benchmarks.hills`` prints the table of ``benchmarks/results/hills.md``: cars on the multibody
 plant, production sensors without satellites, vehicle files that are off by 5 to 10 %, a dry road.
@@ -28,6 +28,12 @@ HILLS, HUMPS = (0.6, 150.0), (1.2, 120.0)
 """m: how far waves of the road rise above and fall below their middle, and their length."""
 _LEVEL = 80.0  # m of the road's start
 _RADIUS, _TURNS = 110.0, 9  # m, and how many bends of 90 m a winding road has
+_STEEP, _CORNER, _BLOCK, _CROSSING = (
+    0.2,
+    15.0,
+    60.0,
+    25.0,
+)  # and m: of a street that climbs and falls by turns
 _QUANTITIES = {
     "grade, %": "grade",
     "used friction": "friction_used",
@@ -77,11 +83,44 @@ def winding(vehicle: Vehicle) -> Manoeuvre:
     return planned("winding", road, SpeedPlan.constant(17.0, 45.0))
 
 
+def streets(vehicle: Vehicle) -> Manoeuvre:
+    """Up and down by turns, with level crossings between, at 5 to 9 m/s, as in San Francisco."""
+    at, slope, rise = [_LEVEL], [0.0], _STEEP
+    for _ in range(8):
+        for length, becomes in ((_CORNER, rise), (_BLOCK, rise), (_CORNER, 0.0), (_CROSSING, 0.0)):
+            at.append(at[-1] + length)
+            slope.append(becomes)
+        rise = -rise
+    times, speeds = [0.0, 4.0], [5.0, 5.0]
+    for _ in range(10):
+        for seconds, speed in ((4.0, 9.0), (2.0, 9.0), (4.0, 5.0), (3.0, 5.0)):
+            times.append(times[-1] + seconds)
+            speeds.append(speed)
+    fine = np.arange(0.0, 3000.0, 0.1)
+    inclines = np.interp(fine, at, slope)
+    heights = np.concatenate([[0.0], np.cumsum(0.05 * (inclines[1:] + inclines[:-1]))])
+    road = make_road(
+        [Bend(3000.0)],
+        friction=uniform(FRICTION),
+        height=lambda s: (np.interp(s, fine, heights), np.interp(s, fine, inclines)),
+    )
+    return planned("streets", road, SpeedPlan(tuple(times), tuple(speeds)))
+
+
+def start(vehicle: Vehicle) -> Manoeuvre:
+    """From rest on a slope of 22 %, down to a walking pace, and on."""
+    road = make_road([Bend(3000.0)], friction=uniform(FRICTION), height=lambda s: (0.22 * s, 0.22 + 0 * s))
+    plan = SpeedPlan((0, 4, 12, 22, 26, 34, 40, 50), (0, 0, 9, 9, 2, 2, 8, 8))
+    return planned("start", road, plan)
+
+
 DRIVES = {
     "hills, braked": Scenario("hills-braked", "hills of 150 m, braked", partial(braked, wave=HILLS)),
     "hills, in a bend": Scenario("hills-bend", "hills of 150 m, in a bend", bend),
     "hills, winding": Scenario("hills-winding", "hills of 140 m, on a winding road", winding),
     "humps, braked": Scenario("humps-braked", "humps of 120 m, braked", partial(braked, wave=HUMPS)),
+    "streets": Scenario("streets", "streets of 20 %, up and down", streets),
+    "start": Scenario("start", "from rest on 22 %", start),
 }
 
 
@@ -91,7 +130,8 @@ def main() -> None:
     rows = dict(study(DRIVES, _QUANTITIES, FRICTION, count=8))
     print(
         "# Hills\n\n`python -m benchmarks.hills`: roads that rise and fall by .6 m about their middle every"
-        " 150 m (4 % of weight come\nand go at 20 m/s), or by 1.2 m every 120 m (13 %), on a road of"
+        " 150 m (4 % of weight come\nand go at 20 m/s), or by 1.2 m every 120 m (13 %); streets that climb"
+        " and fall by 20 %, turning up and down within\n15 m, at 5 to 9 m/s; a start on 22 %. On a road of"
         f" {FRICTION}; eight recordings each. RMSE, and shares (per cent)\nof samples within the 95 %"
         " interval, and with the friction above its lower and below its upper 5 % bound.\n"
     )

@@ -79,7 +79,7 @@ def test_one_that_contradicts_the_slope_is_not_believed_for_a_while(vehicle: Veh
     meter = PitchMeter(vehicle)
     state, _, usual = read(meter, meter.init(), 0.013)
     gap, sure = jnp.asarray(0.03), jnp.asarray(0.0082)
-    for i in range(100):
+    for i in range(150):
         state, _, _ = read(meter, state, 0.013 + 1e-6 * i)
         state = meter.judge(
             state, gap, sure, jnp.asarray(0.0081), SPEEDS, SPEED, STRAIGHT, IN_TIME, jnp.asarray(DT)
@@ -92,6 +92,24 @@ def test_one_that_contradicts_the_slope_is_not_believed_for_a_while(vehicle: Veh
         )
         state, _, intensity = read(meter, state, 0.014 + 1e-6 * i)
     assert intensity == pytest.approx(usual)
+
+
+@pytest.mark.parametrize(("speeds", "fails"), [(-0.02, False), (0.02, True), (0.0, True)])
+def test_a_street_that_bends_up_parts_speeds_from_the_slope_as_well(
+    speeds: float, fails: bool, vehicle: Vehicle
+) -> None:
+    """Nose up, and slower than the slope foresees: then it is the slope that lags, as far as it may."""
+    meter = PitchMeter(vehicle)
+    state, sure, part = meter.init(), jnp.asarray(0.0082), jnp.asarray(0.0081)
+    for i in range(300):
+        state, _, _ = read(meter, state, 0.013 + 1e-6 * i)
+        bent = i > 100
+        gap, told = (-0.03, speeds) if bent else (0.0, 0.0)
+        pulled = jnp.full(4, told), jnp.full(4, 0.04)
+        state = meter.judge(
+            state, jnp.asarray(gap), sure, part, pulled, SPEED, STRAIGHT, IN_TIME, jnp.asarray(DT)
+        )
+    assert bool(meter.is_faulty(state)) is fails
 
 
 @pytest.mark.parametrize(

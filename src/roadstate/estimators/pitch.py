@@ -25,6 +25,8 @@ _SURE = 4.0  # 1σ of what is expected to part them, that many times
 # the same of the speeds' innovations over their 1σ, when the gyroscope pulls the slope away: at the least,
 # and over what the low pass leaves of a noise that all speeds have in common
 _PULL = (0.4, 4.0)
+# the same: from which on speeds go along with the attitude, or against it; and s for which neither may be
+_ALONG, _AGAINST, _PARTED = 0.04, 0.25, 0.8
 _MOST = (0.1, 3.0)  # rad, and 1σ of speeds, that one sample may count for
 _ASIDE = 3.0  # m/s² of lateral acceleration beyond which wheels slip for reasons of their own
 _DISTRUST = 20.0  # s for which a gyroscope that failed is not believed
@@ -43,6 +45,7 @@ class PitchState(NamedTuple):
         gyro: what has come of the pitch rate.
         apart: low-passed difference of attitude and slope, rad.
         pull: low-passed innovation of the speeds over its 1σ.
+        parted: s for which these are too far apart, and speeds do not go along with the attitude.
         distrust: s for which the gyroscope is still not believed.
         steady: low-passed rate, rad/s.
         swing: angle by which the body swings besides, rad.
@@ -53,6 +56,7 @@ class PitchState(NamedTuple):
     gyro: Gyroscope
     apart: Float[Array, ""]
     pull: Float[Array, ""]
+    parted: Float[Array, ""]
     distrust: Float[Array, ""]
     steady: Float[Array, ""]
     swing: Float[Array, ""]
@@ -89,7 +93,7 @@ class PitchMeter(eqx.Module):
     def init(self) -> PitchState:
         """Nothing has come yet."""
         zero = jnp.zeros(())
-        return PitchState(Gyroscope.silent(), *[zero] * 7)
+        return PitchState(Gyroscope.silent(), *[zero] * 8)
 
     def read(
         self,
@@ -153,6 +157,8 @@ class PitchMeter(eqx.Module):
 
         An accelerometer that lags pulls the slope away from the attitude, too, and no gyroscope is to blame;
         nor is it for a body that leans for a while as its axles climb over unevenness, one after the other.
+        Where a road bends faster than the filter foresees, at the corner of a steep street, attitude and
+        speeds both say that the slope lags; one that fails drags it to where the speeds do not follow.
 
         Args:
             state: of the same instant.
@@ -183,13 +189,19 @@ class PitchMeter(eqx.Module):
         pulls = jnp.abs(told) > jnp.maximum(least, _PULL[1] * root(share / (2 - share)))
         uneven = _UNEVEN[0] / jnp.sqrt(jnp.maximum(jnp.abs(speed) / _UNEVEN[1], 1.0))
         most = jnp.maximum(jnp.maximum(_ODD, uneven), _SURE * expected)
-        odd = (jnp.abs(apart) > most) | pulls
+        # a road that bends faster than foreseen parts attitude and speeds from the slope alike
+        along = told * jnp.sign(apart)
+        far = jnp.abs(apart) > most
+        parted = jnp.where(far & (along < _ALONG), state.parted + dt, 0.0)
+        odd = (far & (along < -_AGAINST)) | (parted > _PARTED) | (pulls & (along <= 0))
         # the filter first finds the attitude
         begins = state.heard < _ODD_TIME
         odd = odd & ~is_excused & ~begins
         distrust = jnp.where(odd, _DISTRUST, jnp.maximum(state.distrust - dt, 0.0))
         begin = jnp.where(odd | begins | is_excused, 0.0, 1.0)
-        return state._replace(apart=begin * apart, pull=begin * told, distrust=distrust)
+        return state._replace(
+            apart=begin * apart, pull=begin * told, parted=begin * parted, distrust=distrust
+        )
 
 
 def lean_std(state: PitchState, since: Float[Array, ""]) -> Float[Array, ""]:

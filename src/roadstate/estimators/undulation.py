@@ -10,8 +10,10 @@ from jaxtyping import Array, Float
 _SPAN = 20.0  # m over which corrections are added up: a hump is no shorter
 _MEMORY = 60.0  # m over which the noise grows, or shrinks again, by a factor of e for each σ² too much
 _USUAL = 1.5  # σ² up to which no more than chance is seen in a sum
-_MOST = 16.0  # σ² that a sum counts for at the most: a step is a fault, not a road
-_ROUGHEST = 3.0  # logarithm of the most that the variance of the road's noise is multiplied by
+_MOST = 200.0  # σ² that a sum counts for at the most
+# logarithm of the most that the variance of the road's noise is multiplied by: streets that bend up or down
+# by a quarter within ten metres, 20 times what is usual
+_ROUGHEST = 6.0
 
 
 class Undulation(NamedTuple):
