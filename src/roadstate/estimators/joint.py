@@ -291,7 +291,7 @@ class Joint(Estimator[JointState]):
             roll=roll,
             unrest=unrest,
             loading=loading,
-            undulation=self.along.undulation(state.along.gaussian, along.gaussian, u, dt),
+            undulation=sound.undulation,
             shortfall=shortfall,
             speed_age=jnp.where(moved.tells, 0.0, state.speed_age + dt),
             against=sound.against,

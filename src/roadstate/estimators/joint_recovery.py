@@ -21,6 +21,7 @@ from roadstate.estimators.pace import Pace
 from roadstate.estimators.plausibility import PlausibilityState
 from roadstate.estimators.redundancy import GROUP, YAW
 from roadstate.estimators.roll import RollState
+from roadstate.estimators.undulation import Undulation
 from roadstate.filters import FilterState
 from roadstate.filters.base import select
 
@@ -36,12 +37,13 @@ class Recovered(NamedTuple):
     """States, begun anew where they were wrong.
 
     Attributes:
-        trust, along, pace, bank: the parts'.
+        trust, along, undulation, pace, bank: the parts'.
         against, doubt: as :class:`~roadstate.estimators.joint.JointState`.
     """
 
     trust: PlausibilityState
     along: FilterState
+    undulation: Undulation
     pace: Pace
     bank: BankState
     against: Float[Array, ""]
@@ -95,10 +97,12 @@ def recover(
     spoilt = jnp.any(found & (GROUP != YAW)) | _freezes(joint, state, reading) | lost | has_moved
     begin = jnp.where(lost, rolls, speed)
     along = moved.filter._replace(gaussian=joint.along.doubt(gaussian, spoilt, begin))
+    undulation = joint.along.undulation(state.along.gaussian, gaussian, moved.u, dt)
+    undulation = select(spoilt, Undulation.none(), undulation)
     doubt = jnp.where(jnp.any(verdict.lies) | caught, _AFRESH, state.doubt - dt)
     afresh = (doubt > 0) | ~joint.bank.is_sound(friction[1])
     pace, bank = once(select(afresh, (Pace.start(), joint.bank.init()), friction))
-    return Recovered(trust, along, pace, bank, jnp.where(lost, 0.0, against), doubt)
+    return Recovered(trust, along, undulation, pace, bank, jnp.where(lost, 0.0, against), doubt)
 
 
 def _lost(
