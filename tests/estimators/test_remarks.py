@@ -41,7 +41,7 @@ def learnt(mass: np.ndarray, std: float) -> Estimates:
     ],
 )
 def test_a_mass_far_from_the_files_is_remarked_on(mass: list[float], std: float, says: str | None) -> None:
-    found = remarks(learnt(np.array(mass, dtype=float), std), 1500.0)
+    found = remarks(learnt(np.array(mass, dtype=float), std), 1500.0, None)
     assert len(found) == (says is not None)
     assert says is None or says in found[0]
 
@@ -49,4 +49,20 @@ def test_a_mass_far_from_the_files_is_remarked_on(mass: list[float], std: float,
 def test_who_learns_no_mass_gives_cause_for_no_remark() -> None:
     estimates = learnt(np.array([1500.0]), 60)
     empty = Estimates(**{**estimates.__dict__, "values": {}, "std": {}})
-    assert remarks(empty, 900.0) == []
+    assert remarks(empty, 900.0, 0.1) == []
+
+
+@pytest.mark.parametrize(
+    ("bias", "says"),
+    [
+        (-0.35, "tilted by 4 %, or ground that holds back more (snow, gravel"),
+        (0.35, "tilted by 4 %; raise"),
+        (0.25, None),
+    ],
+)
+def test_a_bias_far_from_the_files_is_remarked_on(bias: float, says: str | None) -> None:
+    estimates = learnt(np.array([1500.0, 1500.0]), 60)
+    values = {"accel_x_bias": np.array([0.0, bias])}
+    found = remarks(Estimates(**{**estimates.__dict__, "values": values, "std": values}), 900.0, 0.1)
+    assert len(found) == (says is not None)
+    assert says is None or says in found[0]

@@ -99,7 +99,7 @@ class Summary:
     ) -> None:
         from roadstate.cli.summary import settings, vehicle_summary, versions
 
-        self._mass = car.mass
+        self._car = car
         self.content: dict[str, Any] = {
             "versions": versions(),
             "settings": settings(source, given, estimators, smooth),
@@ -111,7 +111,7 @@ class Summary:
         """Take in what came of one log."""
         from roadstate.cli.summary import log_summary
 
-        self.content["logs"][run.name] = log_summary(run, self._mass)
+        self.content["logs"][run.name] = log_summary(run, self._car)
 
     def write(self, folder: Path) -> str:
         """Write the file; gives its name."""

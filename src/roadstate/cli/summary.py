@@ -42,8 +42,8 @@ def settings(source: Source, vehicle: str, estimators: Sequence[str], smooth: bo
     }
 
 
-def log_summary(run: Run, mass: float) -> dict[str, Any]:
-    """One log: what was in it and what each estimator says of it, who was told a mass, kg."""
+def log_summary(run: Run, vehicle: Vehicle) -> dict[str, Any]:
+    """One log: what was in it and what each estimator says of it, who was told a vehicle file."""
     log = run.log
     return {
         "files": _files(log),
@@ -56,7 +56,7 @@ def log_summary(run: Run, mass: float) -> dict[str, Any]:
         "dropped": dict(log.metadata.get("dropped", {})),
         "held": dict(log.metadata.get("held", {})),
         "late": [{"channels": one.channels, "seconds": one.seconds, "std": one.std} for one in run.late],
-        "estimators": {name: estimates_summary(e, mass) for name, e in run.results.items()},
+        "estimators": {name: estimates_summary(e, vehicle) for name, e in run.results.items()},
         "metrics": {
             name: {quantity: m.to_json() for quantity, m in found.items()}
             for name, found in run.metrics.items()
@@ -64,7 +64,7 @@ def log_summary(run: Run, mass: float) -> dict[str, Any]:
     }
 
 
-def estimates_summary(estimates: Estimates, mass: float) -> dict[str, Any]:
+def estimates_summary(estimates: Estimates, vehicle: Vehicle) -> dict[str, Any]:
     """One estimator on one log: figures of each quantity in SI, validity, sensors' faults, consistency."""
     nis = estimates.nis[np.isfinite(estimates.nis)]
     shares = {v.label: float(np.mean(estimates.validity == v)) for v in Validity}
@@ -75,7 +75,7 @@ def estimates_summary(estimates: Estimates, mass: float) -> dict[str, Any]:
         },
         "validity": {label: share for label, share in shares.items() if share > 0},
         "faults": list(estimates.metadata.get("faults", [])),
-        "remarks": remarks(estimates, mass),
+        "remarks": remarks(estimates, vehicle.mass, vehicle.sensors.accel.bias),
         "smoothed": list(estimates.metadata.get("smoothed", [])),
         "rejected": dict(estimates.metadata.get("rejected", {})),
         "nis_mean": float(np.mean(nis)) if len(nis) else None,

@@ -20,6 +20,7 @@ from roadstate.estimators.friction_bank import VIEWS
 from roadstate.estimators.intake import ACCEL_X, ACCEL_Y, SMOOTHING, SPIN, STALE, WHEEL_SPEEDS, YAW_RATE
 from roadstate.estimators.sideways import BANK, BIAS_Y, LEVER, SLOWEST, V_Y
 from roadstate.estimators.signals import STANDSTILL_SPEED
+from roadstate.estimators.soft_ground import unsettled
 from roadstate.estimators.wheel_forces import Known
 from roadstate.linalg import root, rss
 
@@ -43,6 +44,7 @@ _SWIFT = np.array([0.3, 0.6]) ** 2  # 1σ² of what accelerometer and torques ch
 _SHAKEN = (0.88, 2.25)
 # rad √(m/s)/(m/s²): 1σ of the mean slope over a second by unevenness, whose slopes are white along the road
 # (ISO 8608), times the root of the speed, over what it shakes the accelerometers by both ways
+_HEIGHTS = ("altitude", "vertical_speed")  # what tells a slope apart from a bias
 _UNEVEN = 0.105
 # s: 1σ of how late everything on the bus is, wheels and accelerometer alike, which nothing in it can tell
 _LATE = 0.01
@@ -110,11 +112,12 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
     swings = root(in_default(joint.bank.motion.first[LEVER, LEVER])) * GRAVITY * sharp
     sway = sharp * rss(side_std[V_Y], swings)
     uneven = _UNEVEN * jnp.min(forces.shaken) / root(jnp.maximum(jnp.abs(mean[SPEED]), 1.0))
-    unsure = rss(std[SLOPE] / GRAVITY, sway, uneven)
+    ground = _ground(joint, mean, std)
+    unsure = rss(std[SLOPE] / GRAVITY, sway, uneven, ground / GRAVITY)
     tell("grade", grade, unsure / jnp.cos(grade))
     off, steps = joint.speed_scale * mean[SPEED], _CUT * _coarse(joint, state)
     tell("speed", mean[SPEED], rss(std[SPEED], off, steps, _LATE * (forces.accel[0] - mean[SLOPE])))
-    tell("accel_x_bias", mean[BIAS], std[BIAS])
+    tell("accel_x_bias", mean[BIAS], rss(std[BIAS], ground))
     scale, scale_std = jnp.ones(()), joint.mass_std
     if "mass" in joint.along.states:
         scale = 1 / joint.along.lightness(mean)
@@ -139,7 +142,7 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
     shaken = jnp.asarray(_SHAKEN, axles.dtype) * forces.shaken / GRAVITY
     used, used_std = _used(forces, straight, across, leads, lasting, shaken)
     late = 0.1 * jnp.minimum(state.signals.age[ACCEL_X], 10.0)
-    tell("friction_used", used, rss(used_std, late, aside, forces.load_std * used))
+    tell("friction_used", used, rss(used_std, late, aside, forces.load_std * used, ground / GRAVITY))
     if joint.knows_sides:
         # tires tell how the axles move, but not where between them the middle is
         place = _CG_ERROR * joint.forces.balance.car.wheelbase
@@ -148,6 +151,7 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
         tell("bank", bank, side_std[BANK] / (GRAVITY * jnp.cos(bank)))
     along = scale * straight
     rolls = _ROLLS[0] * (mean[SPEED] / _ROLLS[1]) ** 4 * axles
+    rolls = rss(rolls, ground / GRAVITY * axles)
     rough = rss(_ROUGH[0] * axles, shaken[0] * axles, _SHARED * straight, straight_std, rolls)
     along_std = rss(scale_std * straight, rough, parked(axles, mean[SPEED], forces.locking))
     unsure = 0.5 * by_axle(forces.along_std)
@@ -177,6 +181,13 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
         tell(name, middle[i], spread[i])
         values[f"{name}_lower"], values[f"{name}_upper"] = low[i], high[i]
     return Estimate(values, stds, state.validity, faults)
+
+
+def _ground(joint: Joint, mean: Array, std: Array) -> Array:
+    """1σ of what may be the ground's resistance or the accelerometer's bias, m/s²."""
+    if "resistance" not in joint.along.states or any(s in joint.sensors for s in _HEIGHTS):
+        return jnp.zeros(())
+    return unsettled(mean[BIAS], std[BIAS], joint.along.slow_factor[0, 0])
 
 
 def _coarse(joint: Joint, state: JointState) -> Array:

@@ -85,10 +85,13 @@ def write_report(
 
 
 def _remarks(results: Mapping[str, Estimates], vehicle: Mapping[str, Any] | None) -> list[str]:
-    mass = (vehicle or {}).get("mass")
-    if mass is None:
-        return []
-    return [f"{name}: {one}." for name, estimates in results.items() for one in remarks(estimates, mass)]
+    told: Any = vehicle or {}
+    bias = told.get("sensors", {}).get("accel", {}).get("bias")
+    return [
+        f"{name}: {one}."
+        for name, estimates in results.items()
+        for one in remarks(estimates, told.get("mass"), bias)
+    ]
 
 
 def _check(log: Log, results: Mapping[str, Estimates]) -> None:
