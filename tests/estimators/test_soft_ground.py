@@ -33,6 +33,7 @@ def on_snow(log: Log, vehicle: Vehicle) -> Log:
 def test_a_usual_bias_is_as_sure_as_the_filter_has_it() -> None:
     told = [float(unsettled(jnp.asarray(b), jnp.asarray(0.03), jnp.asarray(0.1))) for b in (0.0, 0.19, -0.19)]
     assert told == [0.0, 0.0, 0.0]
+    assert float(unsettled(jnp.zeros(()), jnp.zeros(()), jnp.zeros(()))) == 0
 
 
 def test_a_rare_bias_may_be_none() -> None:

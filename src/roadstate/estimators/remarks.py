@@ -43,7 +43,7 @@ def _of_mass(estimates: Estimates, mass: float) -> str | None:
 
 def _of_bias(estimates: Estimates, usual: float) -> str | None:
     learnt, _ = _last(estimates, "accel_x_bias")
-    if not abs(learnt) >= FAR[1] * usual:
+    if not abs(learnt) >= FAR[1] * usual > 0:
         return None
     # torques that explain more than the accelerometer reads leave it reading too little
     ground = ", or ground that holds back more (snow, gravel: raise prior.rolling_resistance_std)"

@@ -23,5 +23,6 @@ def unsettled(bias: Float[Array, ""], std: Float[Array, ""], usual: Float[Array,
         std: 1σ of that, m/s².
         usual: 1σ of a bias as the file has it, m/s².
     """
-    far = jnp.clip((jnp.abs(bias) / usual - FAR[0]) / (FAR[1] - FAR[0]), 0.0, 1.0)
+    times = jnp.abs(bias) / jnp.where(usual > 0, usual, jnp.inf)
+    far = jnp.clip((times - FAR[0]) / (FAR[1] - FAR[0]), 0.0, 1.0)
     return jnp.where(std < _KNOWN * usual, far * jnp.abs(bias), 0.0)
