@@ -64,6 +64,7 @@ ROADS = {
     "80 km/h, 250 m, 8 %, all ahead": Bends(bank=0.08, radius=250.0, spiral=20.0, ahead=1.0),
     "50 km/h, 80 m, 6 %, two thirds ahead": Bends(14.0, 0.06, 80.0, 35.0),
     "110 km/h, 400 m, 6 %, two thirds ahead": Bends(30.0, 0.06, 400.0, 60.0),
+    "90 km/h, 120 m, 16 %, run-off in the spiral": Bends(25.0, 0.16, 120.0, 80.0, 80.0, 0.0),
 }
 """What is driven, by what is said of it."""
 

@@ -181,7 +181,7 @@ class ForceMeter(eqx.Module):
             speed: m/s, the estimate so far.
             accel_error: (2,) by how much the accelerometers are thought to read too high, m/s².
             slope: what gravity takes of the acceleration, as thought so far, m/s².
-            heave: by what share tires bear more as the road bends up, and 1σ of it.
+            heave: by what share tires bear more as the road bends up or banks inward, and 1σ of it.
             lightness: the file's mass over what the car is thought to have so far.
             dt: s.
         """

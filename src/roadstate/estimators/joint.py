@@ -27,6 +27,7 @@ from roadstate.estimators.intake import (
     WHEEL_SPEEDS,
     YAW_RATE,
     Intake,
+    Signals,
     SignalState,
     sensor_fault_names,
 )
@@ -42,7 +43,7 @@ from roadstate.estimators.plausibility import TORQUE, Plausibility, Plausibility
 from roadstate.estimators.radii import Radii, RadiiState
 from roadstate.estimators.roll import RollMeter, RollState
 from roadstate.estimators.shortfall import Shortfall
-from roadstate.estimators.sideways import LEVER
+from roadstate.estimators.sideways import BANK, LEVER, pressed
 from roadstate.estimators.signals import NEVER
 from roadstate.estimators.tire_contact import ContactState, TireContact
 from roadstate.estimators.undulation import Undulation
@@ -244,7 +245,7 @@ class Joint(Estimator[JointState]):
         error = jnp.stack([bias, jnp.zeros_like(bias)])
         moving = self.inputs.moving(state, sample, seen, reading.rolls)
         lightness = self.along.lightness(x)
-        heave = self.along.heave(state.along.gaussian, moving)
+        heave = self._heave(state, across, seen, moving)
         meter, balance = self.forces.read(
             state.forces, sample, seen, moving, error, x[SLOPE], heave, lightness, dt
         )
@@ -304,6 +305,17 @@ class Joint(Estimator[JointState]):
         validity = validity_of(self, new, self._faults(new), info.ok)
         info = eqx.tree_at(lambda i: i.log_likelihood, info, info.log_likelihood + likelihood)
         return new._replace(validity=validity), info
+
+    def _heave(
+        self, state: JointState, across: tuple[Array, Array], seen: Signals, speed: Array
+    ) -> Float[Array, " 2"]:
+        """By what share tires bear more where the road bends up or banks inward, and 1σ of it."""
+        heave = self.along.heave(state.along.gaussian, speed)
+        if not self.knows_sides:
+            return heave
+        bank = jnp.stack([across[0][BANK], across[1][BANK]])
+        leans = pressed(speed, seen.smooth[YAW_RATE], bank)
+        return jnp.stack([heave[0] + leans[0], rss(heave[1], leans[1])])
 
     def _banking(
         self, state: JointState, reading: Reading, moved: Along, across: tuple[Array, Array], dt: Array

@@ -56,6 +56,7 @@ _TRAIL = 0.5
 # ch. 4.3: p_D2 over p_D1)
 _BY_LOAD = 0.1
 _LEAST_GIVE = 0.03  # 1σ of what the front suspension gives, over the axle's softness, at the least
+_PRESSED = 0.5  # share of its weight by which no bank presses a car more
 _ACCEL = 0.01  # m/s²/√Hz: white error of what moves the car sideways, however good the accelerometer
 _BOTH_LAST = np.outer(_LASTS, _LASTS)
 _IS_V_Y = np.arange(SIZE) == V_Y
@@ -244,6 +245,24 @@ class Sideways(eqx.Module):
 def twisting(touch: Touch, friction: Float[Array, " J"]) -> Float[Array, " J"]:
     """How much of what steering gives is left as the front tires use more of each friction."""
     return 1 - _TRAIL * jnp.minimum(jnp.abs(touch.across[0]) / friction, 1.0)
+
+
+def pressed(
+    speed: Float[Array, ""], turning: Float[Array, ""], bank: Float[Array, " 2"]
+) -> Float[Array, " 2"]:
+    """By what share tires bear more in a bend that is banked inward, and 1σ of it.
+
+    What turns the car, v r, pushes it against a road that leans towards the middle of the bend: with the
+    slope φ to the left, N = m (g cos φ − v r sin φ).
+
+    Args:
+        speed: m/s.
+        turning: yaw rate, rad/s.
+        bank: g times the sine of φ, and its 1σ, m/s².
+    """
+    lever = speed * turning / GRAVITY**2
+    share = jnp.stack([-lever * bank[0], jnp.abs(lever) * bank[1]])
+    return share.at[0].set(jnp.clip(share[0], -_PRESSED, _PRESSED))
 
 
 def peaks(touch: Touch) -> Float[Array, " 4"]:
