@@ -193,7 +193,7 @@ def test_a_receiver_tells_a_speed_that_has_been() -> None:
 
 
 @pytest.mark.usefixtures("optimised")
-@pytest.mark.parametrize(("bias", "least", "most"), [(40.0, 0.6, 1.2), (0.0, 1.6, 5.0)])
+@pytest.mark.parametrize(("bias", "least", "most"), [(40.0, 0.6, 1.2), (0.0, 1.3, 5.0)])
 def test_torque_sensors_that_tell_of_torque_where_there_is_none(
     vehicle: Vehicle, drive: Callable[..., Log], bias: float, least: float, most: float
 ) -> None:

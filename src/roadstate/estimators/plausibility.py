@@ -21,9 +21,11 @@ if TYPE_CHECKING:
 
 _COUNT = len(TELLINGS)
 _SMOOTHING = 0.15  # s
-# s in which a slope's part is learnt; m/s³, no faster than that up to a speed in m/s, and the faster the
-# slower: what a road's bends do to a car's weight is bounded
-_SLOPE = (1.5, 1.0, 10.0)
+# s in which a slope's part is learnt, and m/s³, no faster than that: of accelerometer and torques that agree,
+# up to a speed in m/s, above it the slower the faster (what a road's bends do to a car's weight is bounded);
+# and of either alone, which may lie
+_SLOPE = (1.5, 0.5, 10.0)
+_ALONE = (5.0, 0.1)
 _AFTERWARDS = 1.0  # s that a wheel which has spun or locked takes to roll freely
 _AGREE = 0.25  # m/s² by which each of two may differ from their mean for a slope to be learnt from them
 _GRADE = 0.8  # m/s²: what a slope that has just begun may do
@@ -244,8 +246,10 @@ class Plausibility(eqx.Module):
         learns = ready[_WHEELS] & (few > 0) & (apart < _AGREE**2)
         more = jnp.where(learns, felt - y[_WHEELS], 0.0)
         swiftest = _SLOPE[1] * jnp.minimum(1.0, _SLOPE[2] / jnp.maximum(jnp.abs(speed), 1.0))
-        more = jnp.clip(more, -_SLOPE[0] * swiftest, _SLOPE[0] * swiftest)
-        slope = state.slope - jnp.expm1(-dt / _SLOPE[0]) * more
+        both = few > 1
+        within, fastest = jnp.where(both, _SLOPE[0], _ALONE[0]), jnp.where(both, swiftest, _ALONE[1])
+        more = jnp.clip(more, -within * fastest, within * fastest)
+        slope = state.slope - jnp.expm1(-dt / within) * more
         # wheels whose acceleration is wrong may agree with one another
         together = state.evidence[2, _WHEELS] > _LIES
         others = jnp.asarray(_OTHERS) & ready & (~(together & jnp.asarray(_IS_WHEEL)))
