@@ -15,12 +15,18 @@ from roadstate.estimators import build
 from roadstate.run import batch
 from roadstate.sim.manoeuvres import Manoeuvre, Script
 from roadstate.sim.manoeuvres.path import straight
+from roadstate.sim.roads.centreline import Along
 from roadstate.sim.roads.road import Road
 from roadstate.sim.speed_plan import SpeedPlan
 
 Runs = list[tuple[Log, Estimates]]
 SETTLE = 5.0
 """s of a log's start that do not count."""
+
+
+def incline(slope: float) -> Along:
+    """Height and slope along a road that only climbs, or only falls."""
+    return lambda s: (slope * s, np.full_like(s, slope))
 
 
 def planned(name: str, road: Road, plan: SpeedPlan) -> Manoeuvre:

@@ -6,12 +6,13 @@ plant, production sensors without satellites, vehicle files that are off by 5 to
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
 import numpy as np
 from benchmarks.accuracy.scenarios import Scenario
-from benchmarks.by_bus import planned, study
+from benchmarks.by_bus import incline, planned, study
 from benchmarks.real_logs import table
 from numpy.typing import NDArray
 
@@ -28,12 +29,7 @@ HILLS, HUMPS = (0.6, 150.0), (1.2, 120.0)
 """m: how far waves of the road rise above and fall below their middle, and their length."""
 _LEVEL = 80.0  # m of the road's start
 _RADIUS, _TURNS = 110.0, 9  # m, and how many bends of 90 m a winding road has
-_STEEP, _CORNER, _BLOCK, _CROSSING = (
-    0.2,
-    15.0,
-    60.0,
-    25.0,
-)  # and m: of a street that climbs and falls by turns
+_STEEP, _CORNER, _BLOCK, _CROSSING = 0.2, 15.0, 60.0, 25.0  # slope, and m, of a street that climbs and falls
 _QUANTITIES = {
     "grade, %": "grade",
     "used friction": "friction_used",
@@ -54,15 +50,20 @@ def waves(height: float, length: float) -> Along:
     return along
 
 
+def _rounds(waits: float, phases: Sequence[tuple[float, float]], count: int) -> SpeedPlan:
+    """Again and again: phases of so many seconds, at whose ends a speed is reached; from the last one's."""
+    times, speeds = [0.0, waits], [phases[-1][1]] * 2
+    for seconds, speed in count * tuple(phases):
+        times.append(times[-1] + seconds)
+        speeds.append(speed)
+    return SpeedPlan(tuple(times), tuple(speeds))
+
+
 def braked(vehicle: Vehicle, *, wave: tuple[float, float]) -> Manoeuvre:
     """Straight on: four times up to 24 m/s and, at 5 m/s², down to 12 again."""
-    times, speeds = [0.0, 2.0], [12.0, 12.0]
-    for _ in range(4):
-        for seconds, speed in ((6.0, 24.0), (1.0, 24.0), (2.4, 12.0), (1.0, 12.0)):
-            times.append(times[-1] + seconds)
-            speeds.append(speed)
+    plan = _rounds(2.0, ((6.0, 24.0), (1.0, 24.0), (2.4, 12.0), (1.0, 12.0)), 4)
     road = make_road([Bend(3000.0)], friction=uniform(FRICTION), height=waves(*wave))
-    return planned("braked", road, SpeedPlan(tuple(times), tuple(speeds)))
+    return planned("braked", road, plan)
 
 
 def bend(vehicle: Vehicle) -> Manoeuvre:
@@ -91,11 +92,7 @@ def streets(vehicle: Vehicle) -> Manoeuvre:
             at.append(at[-1] + length)
             slope.append(becomes)
         rise = -rise
-    times, speeds = [0.0, 4.0], [5.0, 5.0]
-    for _ in range(10):
-        for seconds, speed in ((4.0, 9.0), (2.0, 9.0), (4.0, 5.0), (3.0, 5.0)):
-            times.append(times[-1] + seconds)
-            speeds.append(speed)
+    plan = _rounds(4.0, ((4.0, 9.0), (2.0, 9.0), (4.0, 5.0), (3.0, 5.0)), 10)
     fine = np.arange(0.0, 3000.0, 0.1)
     inclines = np.interp(fine, at, slope)
     heights = np.concatenate([[0.0], np.cumsum(0.05 * (inclines[1:] + inclines[:-1]))])
@@ -104,12 +101,12 @@ def streets(vehicle: Vehicle) -> Manoeuvre:
         friction=uniform(FRICTION),
         height=lambda s: (np.interp(s, fine, heights), np.interp(s, fine, inclines)),
     )
-    return planned("streets", road, SpeedPlan(tuple(times), tuple(speeds)))
+    return planned("streets", road, plan)
 
 
 def start(vehicle: Vehicle) -> Manoeuvre:
     """From rest on a slope of 22 %, down to a walking pace, and on."""
-    road = make_road([Bend(3000.0)], friction=uniform(FRICTION), height=lambda s: (0.22 * s, 0.22 + 0 * s))
+    road = make_road([Bend(3000.0)], friction=uniform(FRICTION), height=incline(0.22))
     plan = SpeedPlan((0, 4, 12, 22, 26, 34, 40, 50), (0, 0, 9, 9, 2, 2, 8, 8))
     return planned("start", road, plan)
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 from benchmarks.accuracy.scenarios import Scenario
-from benchmarks.by_bus import planned, study
+from benchmarks.by_bus import incline, planned, study
 from benchmarks.real_logs import table
 from numpy.typing import NDArray
 
@@ -108,7 +108,7 @@ def parking(vehicle: Vehicle, *, slope: float) -> Manoeuvre:
         gear=lambda time: np.where(time < 20, -1.0, 1.0),
         pedals_from=0.0,
     )
-    road = make_road([Bend(3000.0)], friction=uniform(FRICTION), height=lambda s: (slope * s, slope + 0 * s))
+    road = make_road([Bend(3000.0)], friction=uniform(FRICTION), height=incline(slope))
     return Manoeuvre("parking", "parking", road, 0.0, script, straight())
 
 

@@ -36,11 +36,6 @@ def uphill() -> Runs:
     return driven("family-car", DRIVES["hairpins, 8 % up"], 2)
 
 
-@pytest.fixture(scope="module")
-def tilted() -> Runs:
-    return driven("family-car", DRIVES["6 % up"], 2)
-
-
 def test_the_road_of_a_roundabout_is_not_slippery(around: Runs) -> None:
     """A third of the friction is used; what errs in one bend errs in the next one, and is no evidence."""
     for log, said in around:
@@ -136,11 +131,11 @@ def test_an_inner_wheel_that_locks_is_no_grip(braked: Runs) -> None:
         assert low.max() < 1.1 * FRICTION
 
 
-def test_a_tilted_yard_turns_under_the_car(tilted: Runs) -> None:
+def test_a_tilted_yard_turns_under_the_car() -> None:
     """From 6 % uphill to 5 % downhill within ten seconds and 25 m: taken for a road that goes along with the
     turn, grade held in two of three samples, and what pushed the car passed for a slippery road."""
     held = []
-    for log, said in tilted:
+    for log, said in driven("family-car", DRIVES["6 % up"], 2):
         grade, later = reference("grade", log.channels), log.time - log.time[0] > 5.0
         assert np.ptp(grade) > 0.1
         off = (said.values["grade"] - grade)[later]

@@ -113,11 +113,11 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
     sway = sharp * rss(side_std[V_Y], swings)
     uneven = _UNEVEN * jnp.min(forces.shaken) / root(jnp.maximum(jnp.abs(mean[SPEED]), 1.0))
     ground = _ground(joint, mean, std)
-    unsure = rss(std[SLOPE] / GRAVITY, sway, uneven, ground / GRAVITY)
+    unsure = rss(std[SLOPE] / GRAVITY, sway, uneven, ground)
     tell("grade", grade, unsure / jnp.cos(grade))
     off, steps = joint.speed_scale * mean[SPEED], _CUT * _coarse(joint, state)
     tell("speed", mean[SPEED], rss(std[SPEED], off, steps, _LATE * (forces.accel[0] - mean[SLOPE])))
-    tell("accel_x_bias", mean[BIAS], rss(std[BIAS], ground))
+    tell("accel_x_bias", mean[BIAS], rss(std[BIAS], GRAVITY * ground))
     scale, scale_std = jnp.ones(()), joint.mass_std
     if "mass" in joint.along.states:
         scale = 1 / joint.along.lightness(mean)
@@ -142,7 +142,7 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
     shaken = jnp.asarray(_SHAKEN, axles.dtype) * forces.shaken / GRAVITY
     used, used_std = _used(forces, straight, across, leads, lasting, shaken)
     late = 0.1 * jnp.minimum(state.signals.age[ACCEL_X], 10.0)
-    tell("friction_used", used, rss(used_std, late, aside, forces.load_std * used, ground / GRAVITY))
+    tell("friction_used", used, rss(used_std, late, aside, forces.load_std * used, ground))
     if joint.knows_sides:
         # tires tell how the axles move, but not where between them the middle is
         place = _CG_ERROR * joint.forces.balance.car.wheelbase
@@ -151,8 +151,7 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
         tell("bank", bank, side_std[BANK] / (GRAVITY * jnp.cos(bank)))
     along = scale * straight
     rolls = _ROLLS[0] * (mean[SPEED] / _ROLLS[1]) ** 4 * axles
-    rolls = rss(rolls, ground / GRAVITY * axles)
-    rough = rss(_ROUGH[0] * axles, shaken[0] * axles, _SHARED * straight, straight_std, rolls)
+    rough = rss(_ROUGH[0] * axles, shaken[0] * axles, _SHARED * straight, straight_std, rolls, ground * axles)
     along_std = rss(scale_std * straight, rough, parked(axles, mean[SPEED], forces.locking))
     unsure = 0.5 * by_axle(forces.along_std)
     spread = jnp.where(jnp.isfinite(unsure), unsure, 1.0) * axles
@@ -184,10 +183,10 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
 
 
 def _ground(joint: Joint, mean: Array, std: Array) -> Array:
-    """1σ of what may be the ground's resistance or the accelerometer's bias, m/s²."""
+    """1σ of what may be the ground's resistance or the accelerometer's bias, over g."""
     if "resistance" not in joint.along.states or any(s in joint.sensors for s in _HEIGHTS):
         return jnp.zeros(())
-    return unsettled(mean[BIAS], std[BIAS], joint.along.slow_factor[0, 0])
+    return unsettled(mean[BIAS], std[BIAS], joint.along.slow_factor[0, 0]) / GRAVITY
 
 
 def _coarse(joint: Joint, state: JointState) -> Array:
