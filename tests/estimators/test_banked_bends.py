@@ -6,8 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from benchmarks.accuracy.run import without
-from benchmarks.accuracy.scenarios import on_plant
-from benchmarks.banked_bends import FRICTION, ROADS
+from benchmarks.accuracy.scenarios import SATELLITE, on_plant
+from benchmarks.banked_bends import FRICTION, ROADS, Bends
 from benchmarks.by_bus import driven
 
 from roadstate.core import WHEELS, Log, reference
@@ -20,6 +20,8 @@ from roadstate.vehicles import Vehicle
 GENTLE = ROADS["80 km/h, 200 m, 7 %, run-off in the spiral"]
 TRACK = ROADS["90 km/h, 120 m, 16 %, run-off in the spiral"]
 SUDDEN = ROADS["the same, steered within .5 s"]
+SLOW = ROADS["54 km/h, 180 m, 25 %, a track for thrice that"]
+LEANING = ROADS["29 km/h, straight, leaning by 20 %"]
 
 
 @pytest.fixture(scope="module")
@@ -48,15 +50,49 @@ def test_a_track_s_bend_presses_tires_on() -> None:
     assert np.mean(held) > 0.86
 
 
-@pytest.mark.parametrize(("radius", "bank"), [(100.0, -0.25), (-100.0, 0.25), (100.0, 0.1), (-60.0, -0.1)])
-def test_a_bend_that_is_banked_inward_presses_the_car(radius: float, bank: float) -> None:
-    """Of gravity and the centrifugal force, what is square to the road; by the first order in the bank."""
-    speed, unsure = 20.0, 0.01
-    square = np.cos(bank) - speed**2 / radius / GRAVITY * np.sin(bank)
-    given = (speed, speed / radius, [GRAVITY * np.sin(bank), GRAVITY * unsure])
-    share, std = np.asarray(pressed(*(jnp.asarray(x) for x in given)))
-    assert 1 + share == pytest.approx(square, abs=bank**2)
-    assert std == pytest.approx(unsure * speed**2 / abs(radius) / GRAVITY)
+@pytest.mark.parametrize("drive", [SLOW, LEANING], ids=["slow", "leaning"])
+def test_a_car_that_a_road_holds_askew_has_no_faulty_sensor(drive: Bends) -> None:
+    """What weighs on the lateral accelerometer there is no turn, and looks like a turn to the other side."""
+    for log, said in driven("family-car", drive.scenario(), 2):
+        assert not said.metadata.get("faults")
+        later = log.time - log.time[0] > 5.0
+        off = (said.values["bank"] - log["ref_bank"])[later]
+        # the accelerometer's own offset is most of it
+        assert np.sqrt(np.mean(off**2)) < 0.04
+        assert np.std(off) < 0.015
+
+
+@pytest.mark.parametrize("wrong", ["steering_wheel", "yaw_rate"])
+def test_a_wrong_sign_is_found_on_a_banked_track(wrong: str) -> None:
+    """A car that seems to turn otherwise than it is steered and pushed may slide, but not for long."""
+    (log, car), *_ = on_plant("family-car", SLOW.scenario(), 2)
+    log = without(log, SATELLITE)
+    log = log.with_channels({wrong: -log[wrong]})
+    found = scan(build("joint", car, log.available), log).metadata["faults"]
+    assert any(fault["fault"].startswith(f"{wrong}: wrong sign") for fault in found)
+
+
+@pytest.mark.parametrize("slope", [0.0, -0.2])
+@pytest.mark.parametrize(("radius", "bank"), [(100.0, -0.25), (-100.0, 0.25), (100.0, 0.1), (1e9, -0.4)])
+def test_a_road_that_leans_presses_the_car(radius: float, bank: float, slope: float) -> None:
+    """Of gravity and the centrifugal force, what is square to the road; and how that errs, by differences."""
+    speed, unsure = 20.0, (0.004, 0.01)
+    lateral = speed**2 / radius / GRAVITY
+
+    def square(uphill: float, left: float) -> float:
+        return float(np.sqrt(1 - uphill**2 - left**2) - lateral * left)
+
+    leans = [[GRAVITY * sine, GRAVITY * sure] for sine, sure in zip((slope, bank), unsure, strict=True)]
+    share, std = np.asarray(pressed(*(jnp.asarray(x) for x in (speed, speed / radius, *leans))))
+    assert 1 + share == pytest.approx(square(slope, bank), rel=1e-12)
+    ups, sides = (
+        np.abs(np.subtract(*pair)) / 2
+        for pair in (
+            (square(slope + unsure[0], bank), square(slope - unsure[0], bank)),
+            (square(slope, bank + unsure[1]), square(slope, bank - unsure[1])),
+        )
+    )
+    assert np.hypot(ups, sides) == pytest.approx(std, rel=0.1)
 
 
 @pytest.mark.usefixtures("optimised")

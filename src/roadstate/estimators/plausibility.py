@@ -26,8 +26,10 @@ _SMOOTHING = 0.15  # s
 # and of either alone, which may lie
 _SLOPE = (1.5, 0.5, 10.0)
 _ALONE = (5.0, 0.1)
+_LEAN = (1.5, 0.75, 10.0)  # likewise of a road's lean
 _AFTERWARDS = 1.0  # s that a wheel which has spun or locked takes to roll freely
-_AGREE = 0.25  # m/s² by which each of two may differ from their mean for a slope to be learnt from them
+# m/s² by which each of two may differ from their mean for a slope, or a lean, to be learnt from them
+_AGREE = 0.25
 _GRADE = 0.8  # m/s²: what a slope that has just begun may do
 _SETTLED = 0.5  # s for which a telling must have been there
 _LASTING = 0.2  # s: errors that are independent are so far apart
@@ -45,6 +47,7 @@ _ACCUSED = ~np.isin(TELLINGS, ("front_pair", "rear_pair"))
 _PAIRS = (TELLINGS.index("front_pair"), TELLINGS.index("rear_pair"))
 TORQUE = TELLINGS.index("torque")
 _WHEELS = TELLINGS.index("wheels_accel")
+_ASIDE = TELLINGS.index("accel_y")
 _ROWS = tuple(TELLINGS.index(name) for name in ("accel_x", "accel_y", "yaw_rate", "steer"))
 _IS_WHEEL = np.array([name.startswith("wheel_") for name in TELLINGS])
 # of each telling the row of :data:`~roadstate.estimators.intake.ROWS`; 8 for all wheels, 9 for none of these
@@ -66,6 +69,7 @@ class PlausibilityState(NamedTuple):
         since: (13,) s for which each of :data:`~roadstate.estimators.redundancy.TELLINGS` has been there.
         smooth: (13,) low-passed.
         slope: what a slope adds to the wheels' acceleration, m/s².
+        lean: what a road's lean adds to v r, m/s².
         evidence: (4, 13) that a channel's sign is swapped, while the others say more than 0, and less; that
             it is not right; that it is not right with its sign swapped either.
         proven: (13,) whether its sign has ever been as sure to be right as it takes to be taken for swapped.
@@ -79,6 +83,7 @@ class PlausibilityState(NamedTuple):
     since: Float[Array, " 13"]
     smooth: Float[Array, " 13"]
     slope: Float[Array, ""]
+    lean: Float[Array, ""]
     evidence: Float[Array, "4 13"]
     proven: Bool[Array, " 13"]
     reference: Float[Array, " 13"]
@@ -132,7 +137,7 @@ class Plausibility(eqx.Module):
         zero = jnp.zeros(())
         evidence, never, four = jnp.zeros((4, _COUNT)), none > 0, jnp.zeros(4)
         return PlausibilityState(
-            none, none, zero, evidence, never, none, four, four, Slide.none(), Held.empty()
+            none, none, zero, zero, evidence, never, none, four, four, Slide.none(), Held.empty()
         )
 
     def fault_names(self, named: Sequence[str | None]) -> tuple[str, ...]:
@@ -238,14 +243,17 @@ class Plausibility(eqx.Module):
         begins = state.since <= 0
         value = jnp.where(there, value, 0.0)
         smooth = state.smooth - jnp.where(begins, -1.0, jnp.expm1(-dt / _SMOOTHING)) * (value - state.smooth)
-        y = smooth + jnp.where(np.arange(_COUNT) == _WHEELS, state.slope, 0.0)
+        places = np.arange(_COUNT)
+        pace = jnp.where(speed < 0, -1.0, 1.0) * jnp.maximum(jnp.abs(speed), 1.0)
+        level = smooth + jnp.where(places == _WHEELS, state.slope, 0.0)
+        y = level - jnp.where(places == _ASIDE, state.lean / pace, 0.0)
         moves = jnp.asarray(DELAY, value.dtype) * (value - smooth) / _SMOOTHING
         variance = jnp.where(there, std, 0.0) ** 2 + moves**2
         ready = there & (since > _SETTLED)
         felt, apart, few = inner_mean(y[::2][:2], ready[::2][:2])
         learns = ready[_WHEELS] & (few > 0) & (apart < _AGREE**2)
         more = jnp.where(learns, felt - y[_WHEELS], 0.0)
-        swiftest = _SLOPE[1] * jnp.minimum(1.0, _SLOPE[2] / jnp.maximum(jnp.abs(speed), 1.0))
+        swiftest = _SLOPE[1] * jnp.minimum(1.0, _SLOPE[2] / jnp.abs(pace))
         both = few > 1
         within, fastest = jnp.where(both, _SLOPE[0], _ALONE[0]), jnp.where(both, swiftest, _ALONE[1])
         more = jnp.clip(more, -within * fastest, within * fastest)
@@ -253,15 +261,23 @@ class Plausibility(eqx.Module):
         # wheels whose acceleration is wrong may agree with one another
         together = state.evidence[2, _WHEELS] > _LIES
         others = jnp.asarray(_OTHERS) & ready & (~(together & jnp.asarray(_IS_WHEEL)))
-        y, variance, others = once((y, variance, others))
+        level, y, variance, others = once((level, y, variance, others))
         reference, apart, count = inner_mean(jnp.broadcast_to(y, (_COUNT, _COUNT)), others)
+        alike = ready[_ASIDE] & (count[_ASIDE] > 1) & (apart[_ASIDE] * pace**2 < _AGREE**2)
+        # one that lies would teach its own offset
+        alike = alike & (state.evidence[2, _ASIDE] < _LIES)
+        beyond = jnp.where(alike, pace * (y[_ASIDE] - reference[_ASIDE]), 0.0)
+        furthest = _LEAN[0] * _LEAN[1] * jnp.minimum(1.0, _LEAN[2] / jnp.abs(pace))
+        lean = state.lean - jnp.expm1(-dt / _LEAN[0]) * jnp.clip(beyond, -furthest, furthest)
         # as extremes do not count, one that is hardly sure makes the mean no worse than another would
         theirs = jnp.sum(jnp.where(others, jnp.sqrt(variance), 0.0), axis=1) / jnp.maximum(count, 1.0)
         total = jnp.maximum(variance + theirs**2 + apart, 1e-9)
         # a slope is no fault of the wheels
-        steep = np.where(np.arange(_COUNT) == _WHEELS, _GRADE, 0.0)
-        right = 0.5 * (y - reference) ** 2 / (total + steep**2)
-        wrong = 0.5 * (y + reference) ** 2 / total
+        steep = np.where(places == _WHEELS, _GRADE, 0.0)
+        right = jnp.minimum((y - reference) ** 2, (level - reference) ** 2)
+        right = 0.5 * right / (total + steep**2)
+        # a lean that looks like a swapped sign speaks neither for it nor against it
+        wrong = 0.5 * (level + reference) ** 2 / total
         told_by = ready & (count >= _JURY.astype(count.dtype))
         judged = ready & (count >= 2) & told.answers
         ratio = jnp.where(reference**2 > total, right - wrong, 0.0)  # small offsets must not add up
@@ -279,5 +295,5 @@ class Plausibility(eqx.Module):
         raised = jnp.clip(state.evidence + evidence, least, most)
         proven = state.proven | (jnp.min(raised[:2], axis=0) < -_SWAPPED)
         return PlausibilityState(
-            since, smooth, slope, raised, proven, reference, effort, excused, told.slide, held
+            since, smooth, slope, lean, raised, proven, reference, effort, excused, told.slide, held
         )

@@ -41,8 +41,8 @@ _PAIR = (0.015, 0.005, 0.7)  # rad/s; share of the speed: radii, loads; share of
 _ACCEL_Y = (0.7, 0.15)  # m/s²: banked roads, v̇_y; and share
 _STEER = (0.25, 0.006, 1.5, 0.5)  # share; rad; m/s² that any road holds; share of what is beyond
 # m/s² by which gyroscope and wheels' differences alike exceed what steering and lateral acceleration lead to
-# where the car slides sideways, and s for which it may go on
-_SLIDES = (2.0, 2.0)
+# where the car slides sideways, s for which it may go on, and s after which it would have turned round
+_SLIDES = (2.0, 2.0, 4.0)
 # rad of slip at the rear axle from which on a car may be steered against its turn; rad/s, and share of the
 # yaw rate, within which wheels' differences confirm it meanwhile
 _DRIFTS = (0.1, 0.05, 0.2)
@@ -63,18 +63,21 @@ class Slide(NamedTuple):
 
     Attributes:
         lasts: s for which it may still slide so far that steering and lateral acceleration say nothing.
+        slid: s for which it has seemed to slide so far, less those for which it has not since.
         swept: m/s, of late moved aside, by lateral acceleration and yaw rate.
         drifts: whether its rear axle slides, and it may be steered against its turn.
     """
 
     lasts: Float[Array, ""]
+    slid: Float[Array, ""]
     swept: Float[Array, ""]
     drifts: Bool[Array, ""]
 
     @classmethod
     def none(cls) -> Slide:
         """It goes where it is steered."""
-        return cls(jnp.zeros(()), jnp.zeros(()), jnp.zeros((), bool))
+        zero = jnp.zeros(())
+        return cls(zero, zero, zero, jnp.zeros((), bool))
 
 
 class Tellings(NamedTuple):
@@ -294,8 +297,15 @@ class Redundancy(eqx.Module):
         both = known[ACCEL_Y] & known[STEER]
         turns = jnp.concatenate([smooth[YAW_RATE][None], pair])
         apart = jnp.abs(turns - turning[2][:, None])
+        # by steering on a road that leans, where the lateral acceleration is not v r
+        leans = demand / safe * (angle - self.understeer * smooth[ACCEL_Y])
+        leaning = jnp.abs(turns * self.wheelbase * demand / safe**2 - leans)
+        apart = apart.at[1].min(leaning)
         apart = jnp.min(jnp.where(jnp.append(True, paired), apart, jnp.inf)) * jnp.abs(safe)
         spins = both & known[YAW_RATE] & jnp.any(paired) & (apart > _SLIDES[0]) & moves
+        # an acceleration that does not turn the car moves it aside, and it cannot for long
+        slid = jnp.clip(slide.slid + jnp.where(spins, dt, -dt), 0.0, 2 * _SLIDES[2])
+        spins = spins & (slid < _SLIDES[2])
         lasts = jnp.where(spins, _SLIDES[1], jnp.maximum(slide.lasts - dt, 0.0))
         rear = jnp.stack([velocity_y, velocity_y - self.rear * smooth[YAW_RATE]])
         drifts = jnp.all(jnp.abs(rear) > _DRIFTS[0] * jnp.abs(speed))
@@ -339,4 +349,4 @@ class Redundancy(eqx.Module):
         answers = others.at[wheels_at].set(free).at[TELLINGS.index("steer")].set(steers)
         # only wheels that slip sideways contradict it then
         answers = answers.at[TELLINGS.index("yaw_rate")].set(lasts <= 0)
-        return Tellings(value, std, answers, Slide(lasts, swept, drifts))
+        return Tellings(value, std, answers, Slide(lasts, slid, swept, drifts))

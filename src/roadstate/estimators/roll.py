@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 _LEAN_TIME = 0.3  # s for which the roll gradient errs alike
 _SWING_TIME = 0.15  # s for which the body swings to one side
-_SWIFTEST = 0.2  # rad/s: no faster does a road bank under a car
+_SWIFTEST = 0.4  # rad/s: no faster does a road bank under a car
 _BIAS_TIME = 60.0  # s over which the rate averages out, but for the gyroscope's bias
 _BANKED = 0.08  # rad: 1σ of what a road's bank changes by altogether
 _STEADY_TIME = 0.5  # s: low pass of the rate, besides which a body swings

@@ -16,6 +16,7 @@ from roadstate.core.kernel import once
 from roadstate.estimators.base import leaf
 from roadstate.estimators.mixture import learn
 from roadstate.estimators.road import GradePrior
+from roadstate.linalg import rss
 
 if TYPE_CHECKING:
     from roadstate.vehicles import Vehicle
@@ -57,6 +58,7 @@ _TRAIL = 0.5
 _BY_LOAD = 0.1
 _LEAST_GIVE = 0.03  # 1σ of what the front suspension gives, over the axle's softness, at the least
 _PRESSED = 0.5  # share of its weight by which no bank presses a car more
+_STEEPEST = 0.5  # sin² of how far a road may lean
 _ACCEL = 0.01  # m/s²/√Hz: white error of what moves the car sideways, however good the accelerometer
 _BOTH_LAST = np.outer(_LASTS, _LASTS)
 _IS_V_Y = np.arange(SIZE) == V_Y
@@ -248,21 +250,26 @@ def twisting(touch: Touch, friction: Float[Array, " J"]) -> Float[Array, " J"]:
 
 
 def pressed(
-    speed: Float[Array, ""], turning: Float[Array, ""], bank: Float[Array, " 2"]
+    speed: Float[Array, ""], turning: Float[Array, ""], slope: Float[Array, " 2"], bank: Float[Array, " 2"]
 ) -> Float[Array, " 2"]:
-    """By what share tires bear more in a bend that is banked inward, and 1σ of it.
+    """By what share tires bear more on a road that leans than on a level one, and 1σ of it.
 
-    What turns the car, v r, pushes it against a road that leans towards the middle of the bend: with the
-    slope φ to the left, N = m (g cos φ − v r sin φ).
+    Less of its weight presses a car against such a road, and what turns it, v r, presses it against one that
+    leans towards the middle of the bend: N = m (g √(1 − sin² θ − sin² φ) − v r sin φ), with the slope θ, and
+    φ to the left.
 
     Args:
         speed: m/s.
         turning: yaw rate, rad/s.
+        slope: g times the sine of θ, and its 1σ, m/s².
         bank: g times the sine of φ, and its 1σ, m/s².
     """
-    lever = speed * turning / GRAVITY**2
-    share = jnp.stack([-lever * bank[0], jnp.abs(lever) * bank[1]])
-    return share.at[0].set(jnp.clip(share[0], -_PRESSED, _PRESSED))
+    lever = speed * turning / GRAVITY
+    leans = jnp.stack([slope, bank], axis=1) / GRAVITY
+    upright = jnp.sqrt(1 - jnp.minimum(jnp.sum(leans[0] ** 2), _STEEPEST))
+    share = jnp.clip(-lever * leans[0, 1], -_PRESSED, _PRESSED) + upright - 1
+    each = (leans[0] / upright + jnp.stack([jnp.zeros_like(lever), lever])) * leans[1]
+    return jnp.stack([share, rss(each[0], each[1])])
 
 
 def peaks(touch: Touch) -> Float[Array, " 4"]:

@@ -24,7 +24,9 @@ _STIFFNESS, _LIMIT = 0.5, 0.4
 _POWER_ERROR = 0.2  # 1σ of it once an axle uses all its friction: how close it comes to that is not known
 # 1σ of a wheel's force along and across that nothing tells, as a share of its load: camber, toe, steering
 _OWN = (0.004, 0.012)
-_STANDING = 0.02  # 1σ of the share of the weight that a wheel of a car at rest bears
+# 1σ of what a wheel of a car at rest bears, over a quarter of the weight: twice what the place of the centre
+# of gravity is off by, as a share of the wheelbase
+_STANDING = 0.03
 _SHIFTED = 0.1  # 1σ of the load that shifts from wheel to wheel, as a share of it
 _UNSEEN = 0.3  # 1σ of what a bend that nothing tells of shifts, as a share of a wheel's load at rest
 # 1σ of a wheel's forces along and across and of its load over its load at rest, as multiples of what a rough
@@ -129,7 +131,7 @@ class WheelSharing(eqx.Module):
         load_std = rss(
             known.mass_std * load,
             forces.load_std * load,
-            _STANDING * calm,
+            _STANDING * jnp.mean(load),
             _SHIFTED * (load - calm),
             unseen,
             shaken[2],
