@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 from benchmarks.accuracy.measures import inside, rmse
@@ -32,6 +32,15 @@ def incline(slope: float) -> Along:
 def planned(name: str, road: Road, plan: SpeedPlan) -> Manoeuvre:
     """Along a road at planned speeds, by a driver who holds them."""
     return Manoeuvre(name, name, road, plan.speed[0], Script.write(plan), straight())
+
+
+def rounds(waits: float, phases: Sequence[tuple[float, float]], count: int) -> SpeedPlan:
+    """Again and again: phases of so many seconds, at whose ends a speed is reached; from the last one's."""
+    times, speeds = [0.0, waits], [phases[-1][1]] * 2
+    for seconds, speed in count * tuple(phases):
+        times.append(times[-1] + seconds)
+        speeds.append(speed)
+    return SpeedPlan(tuple(times), tuple(speeds))
 
 
 def driven(vehicle: str, drive: Scenario, count: int) -> Runs:

@@ -6,13 +6,12 @@ plant, production sensors without satellites, vehicle files that are off by 5 to
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
 import numpy as np
 from benchmarks.accuracy.scenarios import Scenario
-from benchmarks.by_bus import incline, planned, study
+from benchmarks.by_bus import incline, planned, rounds, study
 from benchmarks.real_logs import table
 from numpy.typing import NDArray
 
@@ -50,18 +49,9 @@ def waves(height: float, length: float) -> Along:
     return along
 
 
-def _rounds(waits: float, phases: Sequence[tuple[float, float]], count: int) -> SpeedPlan:
-    """Again and again: phases of so many seconds, at whose ends a speed is reached; from the last one's."""
-    times, speeds = [0.0, waits], [phases[-1][1]] * 2
-    for seconds, speed in count * tuple(phases):
-        times.append(times[-1] + seconds)
-        speeds.append(speed)
-    return SpeedPlan(tuple(times), tuple(speeds))
-
-
 def braked(vehicle: Vehicle, *, wave: tuple[float, float]) -> Manoeuvre:
     """Straight on: four times up to 24 m/s and, at 5 m/s², down to 12 again."""
-    plan = _rounds(2.0, ((6.0, 24.0), (1.0, 24.0), (2.4, 12.0), (1.0, 12.0)), 4)
+    plan = rounds(2.0, ((6.0, 24.0), (1.0, 24.0), (2.4, 12.0), (1.0, 12.0)), 4)
     road = make_road([Bend(3000.0)], friction=uniform(FRICTION), height=waves(*wave))
     return planned("braked", road, plan)
 
@@ -92,7 +82,7 @@ def streets(vehicle: Vehicle) -> Manoeuvre:
             at.append(at[-1] + length)
             slope.append(becomes)
         rise = -rise
-    plan = _rounds(4.0, ((4.0, 9.0), (2.0, 9.0), (4.0, 5.0), (3.0, 5.0)), 10)
+    plan = rounds(4.0, ((4.0, 9.0), (2.0, 9.0), (4.0, 5.0), (3.0, 5.0)), 10)
     fine = np.arange(0.0, 3000.0, 0.1)
     inclines = np.interp(fine, at, slope)
     heights = np.concatenate([[0.0], np.cumsum(0.05 * (inclines[1:] + inclines[:-1]))])

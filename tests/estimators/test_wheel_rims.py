@@ -19,6 +19,7 @@ def read(
     gains: list[float],
     state: RimState | None = None,
     bears: float = 0.0,
+    spread: float = 0.05,
 ) -> tuple[RimState, np.ndarray]:
     """The state after a sample, and (4,) 1σ of what wheels tell.
 
@@ -28,6 +29,7 @@ def read(
         gains: their rates, m/s².
         state: before; of wheels that have agreed if none.
         bears: F_x of the tires over their loads.
+        spread: 1σ of the car's speed, m/s.
     """
     rims, forces = Rims(vehicle), ForceMeter(vehicle, ()).nothing()
     forces = forces._replace(along=bears * forces.load)
@@ -47,7 +49,7 @@ def read(
     )
     none = jnp.zeros(())
     before = rims.init()._replace(proof=none + NEVER) if state is None else state
-    car = Motion(jnp.asarray(10.0), jnp.asarray(0.05), none, none, none)
+    car = Motion(jnp.asarray(10.0), jnp.asarray(spread), none, none, none)
     after, _, std = rims.read(before, seen, forces, car, jnp.full(4, 0.01), jnp.asarray(0.01))
     return after, np.asarray(std)
 
@@ -87,3 +89,24 @@ def test_a_wheel_that_comes_back_from_locking_bounds_the_speed(vehicle: Vehicle)
     assert read(vehicle, spin, [60.0] * 4, raced, -0.3)[1][0] > 1.4 * std[0]
     # under drive it may spin as fast
     assert read(vehicle, spin, [30.0] * 4, raced, 0.3)[1][0] > 20 * std[0]
+
+
+@pytest.mark.parametrize("way", [-1.0, 1.0])
+def test_a_wheel_that_slips_evenly_is_mistrusted_once_another_has_reached_the_speed(
+    vehicle: Vehicle, way: float
+) -> None:
+    """On ice anti-lock brakes may hold it in its slip for seconds, as near to the speed as that is known."""
+    even = 10 + 0.9 * way
+    swings = 10 + 1.5 * way
+    sample = {"bears": 0.04 * way, "spread": 0.3}
+    gains = [0.0, 0.0, 0.0, 0.0]
+    reached, _ = read(vehicle, [even, even, 10, 10], gains, **sample)
+    state, std = read(vehicle, [even, even, swings, swings], gains, reached, **sample)
+    assert (std[:2] > 3).all()
+    # it is let go of, as it is not known how the car has slowed down since
+    for _ in range(400):
+        state, std = read(vehicle, [even, even, swings, swings], gains, state, **sample)
+    assert (std[:2] < 1).all()
+    # nothing makes wheels slip evenly that bear nothing
+    _, std = read(vehicle, [even, even, swings, swings], gains, reached, spread=0.3)
+    assert (std[:2] < 1).all()

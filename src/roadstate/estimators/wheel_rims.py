@@ -30,6 +30,10 @@ _SLIP_LARGEST = 0.15
 _RUNAWAY = (0.4, 3.0)  # m/s by which a wheel may leave the rest, and 1σ over what is beyond
 _RACING = (5.0, 1.8, 0.5)  # m/s² by which a wheel, and all, may outrun the car, and s of mistrust then
 _RACE_TIME = 1.5  # s: how long that lasts, under anti-lock brakes that hold no wheel at the car's speed
+# m/s²: how fast what a wheel has come to is let go of; and share of the speed by which wheels differ anyway
+_CREEPS = (0.1, 0.02)
+_LEANS = 0.015  # force over load from which on wheels may slip evenly
+_FAR = 100.0  # m/s: off by as much is a wheel of which nothing is known
 _CALM = 0.5  # m/s² below which a wheel has not outrun the car lately
 _BELIEVES = 1.5  # s for which all wheels agree until they are believed against what is known of the speed
 _SLOW = (0.25, 0.1)  # m/s: 1σ of a wheel in its dead band, and s for which that lasts
@@ -53,6 +57,8 @@ class RimState(NamedTuple):
         rolling: m/s that wheels tell which nothing drives or brakes, or else the one that slips least.
         rolls: whether it is the former, and they agree.
         proof: s for which most wheels have agreed on a speed, which is enough once it has been.
+        reached: m/s that a wheel has come to at least, under brakes, as the car has slowed down since; or has
+            come down to at most as it is driven. The car's speed where tires bear nothing.
     """
 
     racing: Float[Array, " 4"]
@@ -61,6 +67,7 @@ class RimState(NamedTuple):
     rolling: Float[Array, ""]
     rolls: Bool[Array, ""]
     proof: Float[Array, ""]
+    reached: Float[Array, ""]
 
 
 class Motion(NamedTuple):
@@ -134,7 +141,7 @@ class Rims(eqx.Module):
     def init(self) -> RimState:
         """No wheel has turned."""
         zero = jnp.zeros(())
-        return RimState(jnp.zeros(4), zero, zero, zero, jnp.zeros((), bool), zero)
+        return RimState(jnp.zeros(4), zero, zero, zero, jnp.zeros((), bool), zero, zero)
 
     def slips(self, along: Array, load: Array) -> Float[Array, " 4"]:
         """(4,) what forces F_x (4,) under loads (4,), N, make wheels slip as long as that is linear."""
@@ -182,6 +189,8 @@ class Rims(eqx.Module):
         away = jnp.abs(rim - jnp.where(vague, least, car.speed + car.accel * dt))
         away = away - jnp.where(begins, 0.0, _RUNAWAY[0] + jnp.where(vague, 0.0, 2 * car.spread))
         away = jnp.maximum(away, 0.0)
+        reached, behind = self._reaches(state, wheels, jnp.mean(bears), car, dt)
+        away = jnp.where(begins, away, jnp.maximum(away, behind))
         agree = fastest - slowest < TOGETHER[0] * jnp.abs(car.speed) + TOGETHER[1]
         agree = agree & (jnp.max(jnp.where(told, outruns, 0.0)) == 0.0) & several
         agree = agree & (jnp.minimum(jnp.abs(slowest), jnp.abs(fastest)) > DEAD_BAND)
@@ -215,6 +224,7 @@ class Rims(eqx.Module):
             rolling=jnp.where(sound, rolling, least),
             rolls=sound,
             proof=jnp.where(sound, NEVER, proof),
+            reached=reached,
         )
         return new, jnp.where(seen.is_fresh[SPIN], rim, jnp.nan), std
 
@@ -251,6 +261,24 @@ class Rims(eqx.Module):
         turns = told & ((jnp.abs(rim) > DEAD_BAND) | ~np.array(self.driven))
         turns = jnp.where(jnp.any(turns), turns, told)
         return agreement.slips_least(rim, turns, jnp.mean(forces.over_load), before, car.unsure, dt)
+
+    def _reaches(
+        self, state: RimState, wheels: _Told, bears: Array, car: Motion, dt: Array
+    ) -> tuple[Float[Array, ""], Float[Array, " 4"]]:
+        """Speed that the wheel that slips least has come to of late, and how far (4,) others fall short, m/s.
+
+        On ice a wheel may slip evenly for seconds, neither racing nor far from the speed as it is known.
+        """
+        way = jnp.where(jnp.abs(bears) > _LEANS, jnp.sign(bears), 0.0)
+        within = _RUNAWAY[0] + 2 * car.spread
+        ahead = jnp.clip((wheels.rim - car.speed) * way, -within, None)
+        told = wheels.known & (jnp.abs(wheels.rim) > DEAD_BAND)
+        least = jnp.min(jnp.where(told, ahead, _FAR))
+        before = (state.reached + car.accel * dt - car.speed) * way + (_CREEPS[0] + 2 * car.unsure) * dt
+        least = jnp.minimum(least, jnp.where(state.reached == 0, _FAR, before))
+        reached = jnp.where((way == 0) | (least >= _FAR), car.speed, car.speed + way * least)
+        short = (wheels.rim - reached) * way
+        return reached, jnp.maximum(short - _RUNAWAY[0] - _CREEPS[1] * jnp.abs(car.speed), 0.0)
 
     def _bounds(
         self, wheels: _Told, bears: Array, car: Motion, released: Array
