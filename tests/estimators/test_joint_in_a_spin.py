@@ -94,8 +94,10 @@ def tellings(
     aside: float,
     steered: float,
     slides: float = 0.0,
+    slid: float = 0.0,
     swept: float = 0.0,
     velocity_y: float = 0.0,
+    friction: float = 0.9,
 ) -> Tellings:
     """Of sensors at 20 m/s that lead to yaw rates (rad/s) of so much."""
     channels = [f"wheel_speed_{w}" for w in WHEELS] + ["accel_x", "accel_y", "yaw_rate", "steer"]
@@ -112,10 +114,11 @@ def tellings(
         now_rate=zero, shaken=jnp.zeros(2), is_faulty=jnp.zeros(8, bool),
     )  # fmt: skip
     four, one = jnp.zeros(4), jnp.zeros(())
-    slide = Slide.none()._replace(lasts=jnp.asarray(slides), swept=jnp.asarray(swept))
+    lasted = {"lasts": slides, "slid": slid, "swept": swept}
+    slide = Slide.none()._replace(**{k: jnp.asarray(v) for k, v in lasted.items()})
     return eqx.filter_jit(redundancy.tell)(
         seen, ForceMeter(vehicle, channels).nothing(), Held.empty(), one, four, four, slide,
-        jnp.asarray(SPEED), jnp.asarray(velocity_y), jnp.asarray(0.01),
+        jnp.asarray(SPEED), jnp.asarray(velocity_y), jnp.asarray(friction), jnp.asarray(0.01),
     )  # fmt: skip
 
 
@@ -129,6 +132,42 @@ def test_a_spin_silences_what_it_contradicts(vehicle: Vehicle) -> None:
     assert not any(speaks(found, name) for name in ("accel_y", "steer", "wheels_accel"))
     assert all(speaks(found, name) for name in ("yaw_rate", "front_pair", "rear_pair"))
     assert not bool(found.answers[TELLINGS.index("yaw_rate")])
+
+
+def test_what_does_not_turn_the_car_moves_it_aside_and_not_for_long(vehicle: Vehicle) -> None:
+    spins = {"turns": 0.45, "pairs": 0.43, "aside": 0.24, "steered": -0.1}
+    assert float(tellings(vehicle, **spins, slid=3.5).slide.lasts) > 0
+    lasted = tellings(vehicle, **spins, slid=4.5)
+    assert float(lasted.slide.lasts) == 0
+    assert float(lasted.slide.slid) == pytest.approx(4.51)
+    assert all(speaks(lasted, name) for name in ("accel_y", "steer", "yaw_rate"))
+    grips = {"turns": 0.1, "pairs": 0.1, "aside": 0.1, "steered": 0.1}
+    assert float(tellings(vehicle, **grips, slid=4.5).slide.slid) == pytest.approx(4.49)
+
+
+def test_a_car_on_a_banked_track_does_not_spin(vehicle: Vehicle) -> None:
+    """It is steered as its geometry and its lateral specific force ask for, which is not v r."""
+    redundancy = Redundancy(vehicle, [*(f"wheel_speed_{w}" for w in WHEELS), "gear_ratio"])
+    turns, aside = 0.45, 0.2
+    understeer = float(redundancy.understeer) * SPEED**2
+    steered = (turns * float(redundancy.wheelbase) + aside * understeer) / (
+        float(redundancy.wheelbase) + understeer
+    )
+    assert float(tellings(vehicle, turns=turns, pairs=0.43, aside=aside, steered=steered).slide.lasts) == 0
+    # of a level bend such steering would be short by less than that of a spin, or by more
+    far = tellings(vehicle, turns=turns, pairs=0.43, aside=aside, steered=steered - 0.2)
+    assert float(far.slide.lasts) > 0
+
+
+def test_what_ice_does_not_hold_need_not_come_about(vehicle: Vehicle) -> None:
+    """Of 2.4 m/s² that it is steered for, a dry road holds 1.5, ice of .1 the half of one."""
+    bend = {"turns": 0.05, "pairs": 0.05, "aside": 0.05, "steered": 0.12}
+    place = TELLINGS.index("steer")
+    dry, icy = (tellings(vehicle, **bend, friction=mu).std[place] for mu in (0.9, 0.1))
+    share, beyond = 0.25 * 0.12, 0.5 * (0.12 - 0.6 * 0.1 * 9.80665 / SPEED)
+    assert float(icy) > np.hypot(share, beyond)
+    assert float(icy) > 1.2 * float(dry)
+    assert float(dry) == pytest.approx(float(tellings(vehicle, **bend, friction=0.3).std[place]))
 
 
 @pytest.mark.parametrize(

@@ -79,9 +79,8 @@ def recover(
         raw = raw.scaled(jnp.ones(8).at[SPIN].set(share))
     heavier = 1 - joint.along.lightness(gaussian.mean)
     heavy = balance._replace(explained=balance.explained - heavier * joint.along.moved(moved.u))
-    trust = joint.trust.test(
-        state.trust, raw, heavy, moved.signal, speed, moved.sideslip[0], held.repeats >= REPEATS, dt
-    )
+    motion = speed, moved.sideslip[0], state.friction[1, 0]
+    trust = joint.trust.test(state.trust, raw, heavy, moved.signal, *motion, held.repeats >= REPEATS, dt)
     trust, now = once((trust, joint.trust.verdict(trust)))
     found = (now.lies & (~verdict.lies)) | (now.swapped != verdict.swapped)
     # the car was taken to go backward as its wheels told

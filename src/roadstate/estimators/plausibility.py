@@ -26,7 +26,11 @@ _SMOOTHING = 0.15  # s
 # and of either alone, which may lie
 _SLOPE = (1.5, 0.5, 10.0)
 _ALONE = (5.0, 0.1)
-_LEAN = (1.5, 0.75, 10.0)  # likewise of a road's lean
+# s in which a road's lean is learnt; m/s² of it for each metre, and (m/s²)² for each second, no faster; and
+# m/s² at the most
+_LEAN = (1.5, 0.05, 7.5, 3.0)
+# s after a standstill for which it may be learnt faster, and m/s³
+_PARKED = (4.0, 1.0)
 _AFTERWARDS = 1.0  # s that a wheel which has spun or locked takes to roll freely
 # m/s² by which each of two may differ from their mean for a slope, or a lean, to be learnt from them
 _AGREE = 0.25
@@ -114,7 +118,8 @@ class Plausibility(eqx.Module):
     (y − q)²/2σ² beyond what errors that last can make, summed up from zero (Page 1954, *Biometrika* 41).
     Evidence of one time is limited, so that no brief disturbance decides. An offset looks like a swapped sign
     as long as q has the other sign: so the test of the sign is one for each sign of q, and takes both, or
-    much of one (not from a pair of wheels, where a soft tire makes a large offset).
+    much of one (not from a pair of wheels, where a soft tire makes a large offset). So does a road that leans
+    into its bend more than the speed asks for: what a lean would explain tells nothing of the sign.
 
     A channel that repeats its last value to the bit does not gain credit by what it says. A channel can be
     accused where two others agree, the sign of the longitudinal accelerometer also by the wheels alone, whose
@@ -215,6 +220,7 @@ class Plausibility(eqx.Module):
         signal: Float[Array, ""],
         speed: Float[Array, ""],
         velocity_y: Float[Array, ""],
+        friction: Float[Array, ""],
         frozen: Bool[Array, " 8"],
         dt: Float[Array, ""],
     ) -> PlausibilityState:
@@ -227,6 +233,7 @@ class Plausibility(eqx.Module):
             signal: m/s, a speed signal's sample, signed; NaN where there is none.
             speed: m/s, the estimate.
             velocity_y: m/s, likewise.
+            friction: of the road, likewise.
             frozen: (8,) which signals only repeat themselves.
             dt: s.
         """
@@ -235,7 +242,7 @@ class Plausibility(eqx.Module):
         rate = (held.value - state.smooth[last]) / _SMOOTHING
         effort = jnp.maximum(state.effort * jnp.exp(-dt / _AFTERWARDS), self.redundancy.effort(seen, forces))
         excused = self.redundancy.excused(state.excused, seen, forces, effort, speed, dt)
-        motion = speed, velocity_y
+        motion = speed, velocity_y, friction
         told = self.redundancy.tell(seen, forces, held, rate, effort, excused, state.slide, *motion, dt)
         value, std = once((told.value, told.std))
         there = jnp.isfinite(std)
@@ -267,20 +274,23 @@ class Plausibility(eqx.Module):
         # one that lies would teach its own offset
         alike = alike & (state.evidence[2, _ASIDE] < _LIES)
         beyond = jnp.where(alike, pace * (y[_ASIDE] - reference[_ASIDE]), 0.0)
-        furthest = _LEAN[0] * _LEAN[1] * jnp.minimum(1.0, _LEAN[2] / jnp.abs(pace))
+        swiftest = jnp.minimum(_LEAN[1] * jnp.abs(pace), _LEAN[2] / jnp.abs(pace))
+        furthest = _LEAN[0] * jnp.where(since[_ASIDE] < _PARKED[0], _PARKED[1], swiftest)
         lean = state.lean - jnp.expm1(-dt / _LEAN[0]) * jnp.clip(beyond, -furthest, furthest)
+        lean = jnp.clip(lean, -_LEAN[3], _LEAN[3])
         # as extremes do not count, one that is hardly sure makes the mean no worse than another would
         theirs = jnp.sum(jnp.where(others, jnp.sqrt(variance), 0.0), axis=1) / jnp.maximum(count, 1.0)
         total = jnp.maximum(variance + theirs**2 + apart, 1e-9)
         # a slope is no fault of the wheels
         steep = np.where(places == _WHEELS, _GRADE, 0.0)
-        right = jnp.minimum((y - reference) ** 2, (level - reference) ** 2)
-        right = 0.5 * right / (total + steep**2)
-        # a lean that looks like a swapped sign speaks neither for it nor against it
+        level_right, right = (0.5 * (x - reference) ** 2 / (total + steep**2) for x in (level, y))
+        right = jnp.minimum(right, level_right)
         wrong = 0.5 * (level + reference) ** 2 / total
         told_by = ready & (count >= _JURY.astype(count.dtype))
         judged = ready & (count >= 2) & told.answers
-        ratio = jnp.where(reference**2 > total, right - wrong, 0.0)  # small offsets must not add up
+        # a lean that looks like a swapped sign speaks neither for it nor against it
+        ratio = jnp.where(level_right > wrong, jnp.maximum(right - wrong, 0.0), level_right - wrong)
+        ratio = jnp.where(reference**2 > total, ratio, 0.0)  # small offsets must not add up
         over, under = jnp.where(reference > 0, ratio, 0.0), jnp.where(reference < 0, ratio, 0.0)
         # what fits a swapped sign counts only where the right one would not
         fits = jnp.where((wrong > _ALLOWED) | (right > _ALLOWED), wrong - _ALLOWED, 0.0)

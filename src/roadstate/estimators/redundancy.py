@@ -39,7 +39,8 @@ _TORQUE = (0.3, 0.15, 2.0)  # and while gears change, m/s²
 _GYRO = (0.01, 0.03)  # rad/s, and share
 _PAIR = (0.015, 0.005, 0.7)  # rad/s; share of the speed: radii, loads; share of the slip that forces make
 _ACCEL_Y = (0.7, 0.15)  # m/s²: banked roads, v̇_y; and share
-_STEER = (0.25, 0.006, 1.5, 0.5)  # share; rad; m/s² that any road holds; share of what is beyond
+_STEER = (0.25, 0.006, 1.5, 0.5)  # share; rad; m/s² that any road but ice holds; share of what is beyond
+_GRIPS = 0.6  # share of the friction that holds a car as it is steered
 # m/s² by which gyroscope and wheels' differences alike exceed what steering and lateral acceleration lead to
 # where the car slides sideways, s for which it may go on, and s after which it would have turned round
 _SLIDES = (2.0, 2.0, 4.0)
@@ -130,7 +131,7 @@ class Redundancy(eqx.Module):
       sideslip put off;
     - steering, by the single-track model in steady state: r = v δ/(L + v²/g (1/C_f − 1/C_r)), C the
       cornering stiffnesses over load (Mitschke & Wallentowitz, *Dynamik der Kraftfahrzeuge*, part C). What it
-      demands beyond the acceleration that any road holds need not come about.
+      demands beyond the acceleration that the road holds need not come about.
 
     A car that spins turns otherwise than it is steered, and than its tires push it aside: v̇_y is several
     m/s². Where the gyroscope and the wheels' differences contradict both of the others, one of which alone
@@ -231,6 +232,7 @@ class Redundancy(eqx.Module):
         slide: Slide,
         speed: Float[Array, ""],
         velocity_y: Float[Array, ""],
+        friction: Float[Array, ""],
         dt: Float[Array, ""],
     ) -> Tellings:
         """What each way leads to.
@@ -245,6 +247,7 @@ class Redundancy(eqx.Module):
             slide: of the sample before.
             speed: the estimate so far, m/s.
             velocity_y: likewise.
+            friction: of the road, the likeliest.
             dt: s.
         """
         smooth, known = seen.smooth, seen.age < STALE
@@ -283,7 +286,8 @@ class Redundancy(eqx.Module):
         by_side = smooth[ACCEL_Y] / safe
         demand = speed**2 / (self.wheelbase + self.understeer * speed**2)
         by_steer = demand / safe * angle
-        beyond = jnp.maximum(jnp.abs(demand * angle) - _STEER[2], 0.0)
+        holds = jnp.minimum(_STEER[2], _GRIPS * GRAVITY * friction)
+        beyond = jnp.maximum(jnp.abs(demand * angle) - holds, 0.0)
         steer_std = jnp.sqrt(
             (_STEER[0] * by_steer) ** 2 + (demand / safe * _STEER[1]) ** 2 + (_STEER[3] * beyond / safe) ** 2
         )
