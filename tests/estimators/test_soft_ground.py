@@ -16,7 +16,7 @@ from roadstate.core import Log, reference
 from roadstate.core.constants import GRAVITY
 from roadstate.estimators import build
 from roadstate.estimators.soft_ground import unsettled
-from roadstate.run import batch
+from roadstate.run import batch, scan
 from roadstate.vehicles import Vehicle
 
 SNOW = 0.04  # what fresh snow adds to the coefficient of rolling resistance
@@ -65,3 +65,16 @@ def test_grade_on_snow_is_no_surer_than_what_tells_snow_from_a_tilt(vehicle: Veh
             assert np.sqrt(np.mean(off**2)) < most
             assert np.mean(np.abs(off) < 1.96 * said.std["grade"][later]) > 0.9
             assert said.metadata["faults"] == []
+
+
+def test_every_wheel_rolls_through_snow(vehicle: Vehicle) -> None:
+    """What is learnt of the ground holds back those that nothing drives, too; brakes act on them besides."""
+    for log, car in on_plant("family-car", DRIVES["hills, winding"], 3):
+        snow = without(on_snow(log, vehicle), SATELLITE)
+        said = scan(build("joint", told(car, 0.02), snow.available), snow)
+        later = log.time - log.time[0] > 15.0
+        weighs = SNOW * (log["ref_load_rl"] + log["ref_load_rr"])
+        for axle, sign in (("front", 1.0), ("rear", -1.0)):
+            off = said.values[f"force_x_{axle}"] - reference(f"force_x_{axle}", log.channels) - sign * weighs
+            assert np.abs(np.mean(off[later])) < 0.4 * np.mean(weighs)
+            assert np.mean(np.abs(off) < 1.96 * said.std[f"force_x_{axle}"], where=later) > 0.9

@@ -216,6 +216,8 @@ def _along(joint: Joint, state: JointState, scale: Array) -> tuple[Array, Array]
     if "torque_zero" in names:
         parts["torque_zero"] = forces.lever
     figures, known = jnp.asarray([names.index(s) for s in parts]), jnp.stack(list(parts.values()))
+    # every wheel rolls, driven or not
+    bears = by_axle(forces.load) / jnp.sum(forces.load)
     noise = joint.inputs.white(state.unrest, forces) / (2 * SMOOTHING) ** 0.5
     # what changes fast is told badly, more so by torques, which come late
     gained = jnp.stack([jnp.sum(measured - by_axle(forces.along)), jnp.sum(told - by_axle(forces.told))])
@@ -224,17 +226,22 @@ def _along(joint: Joint, state: JointState, scale: Array) -> tuple[Array, Array]
     # what torques tell apart is by how much the accelerometer reads too high less what air resists more
     more, row = joint.along.headwind(mean, speed)
     felt = jnp.sum((row.at[BIAS].add(-1.0) @ state.along.gaussian.factor) ** 2)
-    lasting = jnp.stack([felt + aside**2, jnp.sum((std[figures] * known) ** 2)])
+    off = (std[figures] * known) ** 2
+    lasting = jnp.stack([felt + aside**2, jnp.sum(off)])
     by_accel = fitted * noise[0] ** 2 + noise[2] ** 2 + lasting[0] + swift[0]
     by_torque = noise[1] ** 2 + swift[1] + lasting[1]
     size = jnp.abs(told) + LEAST_FORCE
     part = size / jnp.sum(size)
-    measured = measured + mass * more * part
-    told = (told + mass * jnp.sum(mean[figures] * known) * part) / scale
+    shares = jnp.stack([bears if name == "resistance" else part for name in parts])
+    # the sum is what it is
+    rolls = (mean[figures] * known) @ (shares - part)
+    measured = measured + mass * (more * part + rolls)
+    told = (told + mass * (mean[figures] * known) @ shares) / scale
     # a torque that is silent or lies has no say
     share = jnp.where(forces.age < STALE, by_torque / (by_torque + by_accel), 1.0)
     weights = jnp.stack([share, 1 - share])
-    return told + share * (measured - told), mass * part * root(jnp.sum(weights**2 * lasting))
+    unsure = jnp.stack([lasting[0] * part**2, off @ shares**2])
+    return told + share * (measured - told), mass * root(weights**2 @ unsure)
 
 
 def _across(joint: Joint, state: JointState, felt: Array) -> tuple[Array, Array]:
