@@ -65,7 +65,7 @@ ROADS = {
     "50 km/h, 80 m, 6 %, two thirds ahead": Bends(14.0, 0.06, 80.0, 35.0),
     "110 km/h, 400 m, 6 %, two thirds ahead": Bends(30.0, 0.06, 400.0, 60.0),
     "90 km/h, 120 m, 16 %, run-off in the spiral": Bends(25.0, 0.16, 120.0, 80.0, 80.0, 0.0),
-    "54 km/h, 180 m, 25 %, a track for thrice that": Bends(15.0, 0.25, 180.0, 80.0, 80.0, 0.0),
+    "54 km/h, 180 m, 25 %, made for 77 km/h": Bends(15.0, 0.25, 180.0, 80.0, 80.0, 0.0),
     "29 km/h, straight, leaning by 20 %": Bends(8.0, 0.2, 1e6),
 }
 """What is driven, by what is said of it."""

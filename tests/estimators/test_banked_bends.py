@@ -20,7 +20,7 @@ from roadstate.vehicles import Vehicle
 GENTLE = ROADS["80 km/h, 200 m, 7 %, run-off in the spiral"]
 TRACK = ROADS["90 km/h, 120 m, 16 %, run-off in the spiral"]
 SUDDEN = ROADS["the same, steered within .5 s"]
-SLOW = ROADS["54 km/h, 180 m, 25 %, a track for thrice that"]
+SLOW = ROADS["54 km/h, 180 m, 25 %, made for 77 km/h"]
 LEANING = ROADS["29 km/h, straight, leaning by 20 %"]
 
 
