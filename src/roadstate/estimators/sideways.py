@@ -59,6 +59,7 @@ _BY_LOAD = 0.1
 _LEAST_GIVE = 0.03  # 1σ of what the front suspension gives, over the axle's softness, at the least
 _PRESSED = 0.5  # share of its weight by which no bank presses a car more
 _STEEPEST = 0.5  # sin² of how far a road may lean
+_ROLLS = 0.08  # sine of a bank that may as well be how far the body rolls otherwise than its file says
 _ACCEL = 0.01  # m/s²/√Hz: white error of what moves the car sideways, however good the accelerometer
 _BOTH_LAST = np.outer(_LASTS, _LASTS)
 _IS_V_Y = np.arange(SIZE) == V_Y
@@ -256,7 +257,8 @@ def pressed(
 
     Less of its weight presses a car against such a road, and what turns it, v r, presses it against one that
     leans towards the middle of the bend: N = m (g √(1 − sin² θ − sin² φ) − v r sin φ), with the slope θ, and
-    φ to the left.
+    φ to the left. In a bend the body rolls as well, and what it does so otherwise than foreseen passes for a
+    bank: one of so much counts half, the rest of it as an error.
 
     Args:
         speed: m/s.
@@ -267,9 +269,11 @@ def pressed(
     lever = speed * turning / GRAVITY
     leans = jnp.stack([slope, bank], axis=1) / GRAVITY
     upright = jnp.sqrt(1 - jnp.minimum(jnp.sum(leans[0] ** 2), _STEEPEST))
-    share = jnp.clip(-lever * leans[0, 1], -_PRESSED, _PRESSED) + upright - 1
+    sine = leans[0, 1]
+    banks = sine**3 / (sine**2 + _ROLLS**2)
+    share = jnp.clip(-lever * banks, -_PRESSED, _PRESSED) + upright - 1
     each = (leans[0] / upright + jnp.stack([jnp.zeros_like(lever), lever])) * leans[1]
-    return jnp.stack([share, rss(each[0], each[1])])
+    return jnp.stack([share, rss(each[0], each[1], lever * (sine - banks))])
 
 
 def peaks(touch: Touch) -> Float[Array, " 4"]:
