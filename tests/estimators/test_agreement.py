@@ -35,6 +35,20 @@ class TestSlipsLeast:
         # one of three that neither push nor brake cannot pull the others along
         assert least([10.0, 10.2, 10.1, 40.0], 0.0) == pytest.approx(10.15)
 
+    def test_what_was_before_holds_where_no_wheel_tells_and_else_nothing_does(self) -> None:
+        silent = jnp.zeros(4, bool)
+        for bears, before in ((0.1, 10.0), (-0.1, 10.0), (0.1, np.nan), (0.0, 10.0)):
+            args = [jnp.asarray(x) for x in (bears, before, 0.0)]
+            told = float(slips_least(jnp.full(4, 12.0), silent, *args, DT))
+            creep = np.sign(bears) * 0.1 * 0.01
+            assert told == pytest.approx(before + creep if bears else np.nan, nan_ok=True)
+
+    def test_a_force_too_small_to_tell_its_sign_does_for_who_takes_it_so(self) -> None:
+        args = [jnp.asarray(x) for x in (0.02, np.nan, 0.0)]
+        rims = jnp.asarray([12.0, 10.5, 11.0, 14.0])
+        assert float(slips_least(rims, ALL, *args, DT)) == pytest.approx(11.5)
+        assert float(slips_least(rims, ALL, *args, DT, 0.015)) == 10.5
+
     def test_backward_as_well(self) -> None:
         """A force ahead makes a wheel of a car that backs up turn less fast: nearer to zero."""
         assert least([-4.0, -4.5, -4.2, -4.9], 0.1) == -4.9

@@ -66,8 +66,9 @@ def slips_least(
     before: Float[Array, ""],
     unsure: Float[Array, ""],
     dt: Float[Array, ""],
+    leans: float = BEARS,
 ) -> Float[Array, ""]:
-    """Speed of the wheel that slips least, now or lately, m/s.
+    """Speed of the wheel that slips least, now or lately, m/s; NaN where nothing has told it.
 
     It is the slowest of those that push the car, the fastest of those that slow it down; if neither, what
     those in the middle tell. Traction control and anti-lock brakes bring each wheel close to the car's speed
@@ -80,14 +81,16 @@ def slips_least(
         before: what came of this at the last sample, and the car's acceleration since; NaN if nothing, m/s.
         unsure: 1σ of that acceleration, m/s².
         dt: s since.
+        leans: force over load from which on its sign is taken for known.
     """
     count, total = jnp.sum(told), jnp.sum(jnp.where(told, rim, 0.0))
-    mean = total / jnp.maximum(count, 1)
-    fastest, slowest = jnp.max(jnp.where(told, rim, mean)), jnp.min(jnp.where(told, rim, mean))
+    mean = jnp.where(count > 0, total / jnp.maximum(count, 1), jnp.nan)
+    fastest, slowest = jnp.max(jnp.where(told, rim, -jnp.inf)), jnp.min(jnp.where(told, rim, jnp.inf))
     middle = jnp.where(count > 2, (total - fastest - slowest) / jnp.maximum(count - 2, 1), mean)
     creep = (_CREEP + 2 * unsure) * dt
     slowest, fastest = jnp.fmin(slowest, before + creep), jnp.fmax(fastest, before - creep)
-    return jnp.where(bears > BEARS, slowest, jnp.where(bears < -BEARS, fastest, middle))
+    least = jnp.where(bears > leans, slowest, jnp.where(bears < -leans, fastest, middle))
+    return jnp.where(jnp.isfinite(least), least, jnp.nan)
 
 
 def agreed(

@@ -234,9 +234,9 @@ def _along(joint: Joint, state: JointState, scale: Array) -> tuple[Array, Array]
     part = size / jnp.sum(size)
     shares = jnp.stack([bears if name == "resistance" else part for name in parts])
     # the sum is what it is
-    rolls = (mean[figures] * known) @ (shares - part)
-    measured = measured + mass * (more * part + rolls)
-    told = (told + mass * (mean[figures] * known) @ shares) / scale
+    learnt = mean[figures] * known
+    measured = measured + mass * (more * part + learnt @ (shares - part))
+    told = (told + mass * learnt @ shares) / scale
     # a torque that is silent or lies has no say
     share = jnp.where(forces.age < STALE, by_torque / (by_torque + by_accel), 1.0)
     weights = jnp.stack([share, 1 - share])

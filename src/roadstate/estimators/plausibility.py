@@ -260,11 +260,9 @@ class Plausibility(eqx.Module):
         felt, apart, few = inner_mean(y[::2][:2], ready[::2][:2])
         learns = ready[_WHEELS] & (few > 0) & (apart < _AGREE**2)
         more = jnp.where(learns, felt - y[_WHEELS], 0.0)
-        swiftest = _SLOPE[1] * jnp.minimum(1.0, _SLOPE[2] / jnp.abs(pace))
-        both = few > 1
-        within, fastest = jnp.where(both, _SLOPE[0], _ALONE[0]), jnp.where(both, swiftest, _ALONE[1])
-        more = jnp.clip(more, -within * fastest, within * fastest)
-        slope = state.slope - jnp.expm1(-dt / within) * more
+        both, steepens = few > 1, _SLOPE[1] * jnp.minimum(1.0, _SLOPE[2] / jnp.abs(pace))
+        within, fastest = jnp.where(both, _SLOPE[0], _ALONE[0]), jnp.where(both, steepens, _ALONE[1])
+        slope = _learnt(state.slope, more, within, fastest, dt)
         # wheels whose acceleration is wrong may agree with one another
         together = state.evidence[2, _WHEELS] > _LIES
         others = jnp.asarray(_OTHERS) & ready & (~(together & jnp.asarray(_IS_WHEEL)))
@@ -274,10 +272,9 @@ class Plausibility(eqx.Module):
         # one that lies would teach its own offset
         alike = alike & (state.evidence[2, _ASIDE] < _LIES)
         beyond = jnp.where(alike, pace * (y[_ASIDE] - reference[_ASIDE]), 0.0)
-        swiftest = jnp.minimum(_LEAN[1] * jnp.abs(pace), _LEAN[2] / jnp.abs(pace))
-        furthest = _LEAN[0] * jnp.where(since[_ASIDE] < _PARKED[0], _PARKED[1], swiftest)
-        lean = state.lean - jnp.expm1(-dt / _LEAN[0]) * jnp.clip(beyond, -furthest, furthest)
-        lean = jnp.clip(lean, -_LEAN[3], _LEAN[3])
+        tips = jnp.minimum(_LEAN[1] * jnp.abs(pace), _LEAN[2] / jnp.abs(pace))
+        tips = jnp.where(since[_ASIDE] < _PARKED[0], _PARKED[1], tips)
+        lean = jnp.clip(_learnt(state.lean, beyond, _LEAN[0], tips, dt), -_LEAN[3], _LEAN[3])
         # as extremes do not count, one that is hardly sure makes the mean no worse than another would
         theirs = jnp.sum(jnp.where(others, jnp.sqrt(variance), 0.0), axis=1) / jnp.maximum(count, 1.0)
         total = jnp.maximum(variance + theirs**2 + apart, 1e-9)
@@ -307,3 +304,14 @@ class Plausibility(eqx.Module):
         return PlausibilityState(
             since, smooth, slope, lean, raised, proven, reference, effort, excused, told.slide, held
         )
+
+
+def _learnt(
+    value: Float[Array, ""],
+    off: Float[Array, ""],
+    within: Float[Array, ""] | float,
+    fastest: Float[Array, ""],
+    dt: Float[Array, ""],
+) -> Float[Array, ""]:
+    """A value that is ``off`` by so much, ``dt`` later: learnt within so many s, no faster than at a rate."""
+    return value - jnp.expm1(-dt / within) * jnp.clip(off, -within * fastest, within * fastest)

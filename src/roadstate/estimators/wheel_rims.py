@@ -30,10 +30,8 @@ _SLIP_LARGEST = 0.15
 _RUNAWAY = (0.4, 3.0)  # m/s by which a wheel may leave the rest, and 1σ over what is beyond
 _RACING = (5.0, 1.8, 0.5)  # m/s² by which a wheel, and all, may outrun the car, and s of mistrust then
 _RACE_TIME = 1.5  # s: how long that lasts, under anti-lock brakes that hold no wheel at the car's speed
-# m/s²: how fast what a wheel has come to is let go of; and share of the speed by which wheels differ anyway
-_CREEPS = (0.1, 0.02)
+_APART = 0.02  # share of the speed by which wheels differ anyway
 _LEANS = 0.015  # force over load from which on wheels may slip evenly
-_FAR = 100.0  # m/s: off by as much is a wheel of which nothing is known
 _CALM = 0.5  # m/s² below which a wheel has not outrun the car lately
 _BELIEVES = 1.5  # s for which all wheels agree until they are believed against what is known of the speed
 _SLOW = (0.25, 0.1)  # m/s: 1σ of a wheel in its dead band, and s for which that lasts
@@ -54,11 +52,12 @@ class RimState(NamedTuple):
         racing: (4,) m/s² by which wheels outran the car lately.
         locked: s for which no wheel has turned.
         together: s for which all wheels have agreed on a speed and its change, or on standing still.
-        rolling: m/s that wheels tell which nothing drives or brakes, or else the one that slips least.
+        rolling: m/s that wheels tell which nothing drives or brakes, or else the one that slips least; the
+            car's speed if none tells anything.
         rolls: whether it is the former, and they agree.
         proof: s for which most wheels have agreed on a speed, which is enough once it has been.
         reached: m/s that a wheel has come to at least, under brakes, as the car has slowed down since; or has
-            come down to at most as it is driven. The car's speed where tires bear nothing.
+            come down to at most as it is driven. The car's speed where tires bear nothing; NaN at first.
     """
 
     racing: Float[Array, " 4"]
@@ -141,7 +140,7 @@ class Rims(eqx.Module):
     def init(self) -> RimState:
         """No wheel has turned."""
         zero = jnp.zeros(())
-        return RimState(jnp.zeros(4), zero, zero, zero, jnp.zeros((), bool), zero, zero)
+        return RimState(jnp.zeros(4), zero, zero, zero, jnp.zeros((), bool), zero, jnp.full((), jnp.nan))
 
     def slips(self, along: Array, load: Array) -> Float[Array, " 4"]:
         """(4,) what forces F_x (4,) under loads (4,), N, make wheels slip as long as that is linear."""
@@ -260,7 +259,8 @@ class Rims(eqx.Module):
         before = jnp.where(known, state.rolling + car.accel * dt, jnp.nan)
         turns = told & ((jnp.abs(rim) > DEAD_BAND) | ~np.array(self.driven))
         turns = jnp.where(jnp.any(turns), turns, told)
-        return agreement.slips_least(rim, turns, jnp.mean(forces.over_load), before, car.unsure, dt)
+        least = agreement.slips_least(rim, turns, jnp.mean(forces.over_load), before, car.unsure, dt)
+        return jnp.where(jnp.isnan(least), car.speed, least)
 
     def _reaches(
         self, state: RimState, wheels: _Told, bears: Array, car: Motion, dt: Array
@@ -271,14 +271,14 @@ class Rims(eqx.Module):
         """
         way = jnp.where(jnp.abs(bears) > _LEANS, jnp.sign(bears), 0.0)
         within = _RUNAWAY[0] + 2 * car.spread
-        ahead = jnp.clip((wheels.rim - car.speed) * way, -within, None)
+        rim = jnp.where(way > 0, jnp.maximum(wheels.rim, car.speed - within), wheels.rim)
+        rim = jnp.where(way < 0, jnp.minimum(rim, car.speed + within), rim)
         told = wheels.known & (jnp.abs(wheels.rim) > DEAD_BAND)
-        least = jnp.min(jnp.where(told, ahead, _FAR))
-        before = (state.reached + car.accel * dt - car.speed) * way + (_CREEPS[0] + 2 * car.unsure) * dt
-        least = jnp.minimum(least, jnp.where(state.reached == 0, _FAR, before))
-        reached = jnp.where((way == 0) | (least >= _FAR), car.speed, car.speed + way * least)
+        before = state.reached + car.accel * dt
+        least = agreement.slips_least(rim, told, bears, before, car.unsure, dt, _LEANS)
+        reached = jnp.where((way == 0) | jnp.isnan(least), car.speed, least)
         short = (wheels.rim - reached) * way
-        return reached, jnp.maximum(short - _RUNAWAY[0] - _CREEPS[1] * jnp.abs(car.speed), 0.0)
+        return reached, jnp.maximum(short - _RUNAWAY[0] - _APART * jnp.abs(car.speed), 0.0)
 
     def _bounds(
         self, wheels: _Told, bears: Array, car: Motion, released: Array
