@@ -29,7 +29,7 @@ def read(
     meter: ForceMeter, state: ForceMeterState, sample: Sample, signals: Signals, *about: Array
 ) -> tuple[ForceMeterState, AxleForces]:
     """Of a car that weighs what its file says."""
-    return read_of(meter, state, sample, signals, *about[:-1], jnp.zeros(2), jnp.ones(()), about[-1])
+    return read_of(meter, state, sample, signals, *about[:-1], jnp.zeros(3), jnp.ones(()), about[-1])
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +61,7 @@ def balance(
         sample = {"engine_torque": jnp.asarray(torque), "gear_ratio": jnp.asarray(gear)}
     leaning = Lean(jnp.asarray(accel), jnp.zeros(()), jnp.asarray(accel))
     state = meter.init()._replace(lean=leaning)
-    speed, about = jnp.asarray(SPEED), (jnp.asarray(slope), jnp.zeros(2), jnp.asarray(lightness))
+    speed, about = jnp.asarray(SPEED), (jnp.asarray(slope), jnp.zeros(3), jnp.asarray(lightness))
     _, forces = read_of(meter, state, sample, signals, speed, jnp.zeros(2), *about, jnp.asarray(STEP))
     return forces
 

@@ -75,7 +75,7 @@ def _told(
     sample = {c: jnp.zeros(()) for c in meter.channels}
     state = meter.init()._replace(lean=Lean.upright())
     _, forces = meter.read(
-        state, sample, signals, jnp.asarray(speed), jnp.zeros(2), jnp.asarray(accel), jnp.zeros(2),
+        state, sample, signals, jnp.asarray(speed), jnp.zeros(2), jnp.asarray(accel), jnp.zeros(3),
         jnp.ones(()), jnp.asarray(0.01),
     )  # fmt: skip
     return np.asarray(forces.across)

@@ -51,7 +51,8 @@ class AxleForces(NamedTuple):
         shaken: (2,) root mean square of what the road shakes the accelerometers by, m/s².
         along_std, across_std: (4,), (2,) 1σ over load, beyond what every such measurement errs; infinite
             where nothing tells.
-        load_std: 1σ of what all loads are off by together, as a share.
+        load_std: (2,) 1σ of what all loads are off by together, as a share: where the road bends up or down,
+            which comes and goes, and where it leans, which lasts.
         accel: (2,) specific force at the accelerometer along and across, low-passed, without its known
             errors, m/s².
         lean: of the body, as late as ``accel``.
@@ -78,7 +79,7 @@ class AxleForces(NamedTuple):
     shaken: Float[Array, " 2"]
     along_std: Float[Array, " 4"]
     across_std: Float[Array, " 2"]
-    load_std: Float[Array, ""]
+    load_std: Float[Array, " 2"]
     accel: Float[Array, " 2"]
     lean: Lean
     yaw_accel: Float[Array, ""]

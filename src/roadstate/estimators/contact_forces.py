@@ -155,7 +155,7 @@ class ForceMeter(eqx.Module):
         load = self.balance.loads(zero, zero)
         now, still, no = Current(two, two, two, load, zero), jnp.zeros((2, 2)), jnp.zeros((), bool)
         return AxleForces(
-            four, two, load, four, four, now, still, four, zero, two, four + jnp.inf, two + jnp.inf, zero,
+            four, two, load, four, four, now, still, four, zero, two, four + jnp.inf, two + jnp.inf, two,
             two, Lean.upright(), zero, zero, zero, zero, zero, zero, zero, zero + 1.0, zero, zero,
             zero + NEVER, no, no, no,
         )  # fmt: skip
@@ -168,7 +168,7 @@ class ForceMeter(eqx.Module):
         speed: Float[Array, ""],
         accel_error: Float[Array, " 2"],
         slope: Float[Array, ""],
-        heave: Float[Array, " 2"],
+        heave: Float[Array, " 3"],
         lightness: Float[Array, ""],
         dt: Float[Array, ""],
     ) -> tuple[ForceMeterState, AxleForces]:
@@ -181,7 +181,7 @@ class ForceMeter(eqx.Module):
             speed: m/s, the estimate so far.
             accel_error: (2,) by how much the accelerometers are thought to read too high, m/s².
             slope: what gravity takes of the acceleration, as thought so far, m/s².
-            heave: by what share tires bear more as the road bends up or banks inward, and 1σ of it.
+            heave: by what share tires bear more as the road bends up or banks inward, and 1σ of either.
             lightness: the file's mass over what the car is thought to have so far.
             dt: s.
         """
@@ -223,7 +223,7 @@ class ForceMeter(eqx.Module):
             shaken=signals.shaken,
             along_std=split / jnp.maximum(load, 0.1 * jnp.mean(load)) + unsure,
             across_std=force_errors.across(self.balance, signals, scene, split),
-            load_std=heave[1],
+            load_std=heave[1:],
             accel=accel,
             lean=lean,
             yaw_accel=signals.rate[YAW_RATE],

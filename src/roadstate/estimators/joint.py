@@ -308,14 +308,14 @@ class Joint(Estimator[JointState]):
 
     def _heave(
         self, state: JointState, across: tuple[Array, Array], seen: Signals, speed: Array
-    ) -> Float[Array, " 2"]:
-        """By what share tires bear more where the road bends up or leans, and 1σ of it."""
+    ) -> Float[Array, " 3"]:
+        """By what share tires bear more where the road bends up or leans, and 1σ of either."""
         gaussian = state.along.gaussian
         heave = self.along.heave(gaussian, speed)
         slope = jnp.stack([gaussian.mean[SLOPE], gaussian.std[SLOPE]])
         bank = jnp.stack([across[0][BANK], across[1][BANK]]) if self.knows_sides else jnp.zeros(2)
         leans = pressed(speed, seen.smooth[YAW_RATE], slope, bank)
-        return jnp.stack([heave[0] + leans[0], rss(heave[1], leans[1])])
+        return jnp.stack([heave[0] + leans[0], heave[1], leans[1]])
 
     def _banking(
         self, state: JointState, reading: Reading, moved: Along, across: tuple[Array, Array], dt: Array

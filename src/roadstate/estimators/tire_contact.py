@@ -166,6 +166,8 @@ class TireContact(eqx.Module):
         shaken = jnp.asarray(_SHAKEN, load.dtype) * jnp.min(forces.shaken) / GRAVITY
         # the fewer samples, the less the low pass takes off their noise
         white = self.shake * root(seen.noise[ACCEL_Y])
+        # an error of the loads that lasts is no noise: the friction that is found errs by as much
+        bounces = forces.load_std[0]
         touch = Touch(
             speed=speed,
             accel_y=seen.value[ACCEL_Y],
@@ -179,8 +181,8 @@ class TireContact(eqx.Module):
             slip_std=rss(SLIP_ERROR, _SLIP_LAG * root(swift)),
             slip_noise=slip_noise,
             slip_shared=rolling[1],
-            across_std=rss(forces.across_std, _LAG_ERROR * across_rate, forces.load_std * across) + steered,
-            along_std=rss(forces.along_std, _LAG_ERROR * along_rate, forces.load_std * along) + unknown,
+            across_std=rss(forces.across_std, _LAG_ERROR * across_rate, bounces * across) + steered,
+            along_std=rss(forces.along_std, _LAG_ERROR * along_rate, bounces * along) + unknown,
             split_std=forces.along_std,
             shaken=shaken.at[1].set(rss(shaken[1], white)),
             load=load / jnp.mean(load),
