@@ -13,7 +13,7 @@ from benchmarks.by_bus import driven
 from roadstate.core import WHEELS, Log, reference
 from roadstate.core.constants import GRAVITY
 from roadstate.estimators import build
-from roadstate.estimators.sideways import pressed
+from roadstate.estimators.banked import pressed
 from roadstate.run import scan
 from roadstate.vehicles import Vehicle
 
@@ -79,7 +79,7 @@ def test_a_road_that_leans_presses_the_car(radius: float, bank: float, slope: fl
     speed, unsure = 20.0, (0.004, 0.01)
     lateral = speed**2 / radius / GRAVITY
     # what may be the body's roll counts less, and errs by the rest
-    counts = bank**2 / (bank**2 + 0.08**2)
+    counts = bank**4 / (bank**4 + 0.08**4)
 
     def square(uphill: float, left: float) -> float:
         return float(np.sqrt(1 - uphill**2 - left**2) - lateral * left)

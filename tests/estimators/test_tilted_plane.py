@@ -16,13 +16,23 @@ from roadstate.vehicles import Vehicle
 @pytest.mark.parametrize("heading", np.linspace(-3.0, 3.0, 7))
 @pytest.mark.parametrize("turning", [0.5, -0.3])
 def test_a_plane_and_a_road_are_both_within_one_sigma(heading: float, turning: float) -> None:
-    """On a plane, by the chain rule; on a road, not at all."""
-    left, step = -0.06 * np.sin(heading), 1e-6
-    exact = 0.06 * (np.cos(heading + turning * step) - np.cos(heading)) / step
+    """On a plane, by the chain rule; on a road, not at all. As far as the slope to the left is no offset."""
+    left, step = -0.15 * np.sin(heading), 1e-6
+    exact = 0.15 * (np.cos(heading + turning * step) - np.cos(heading)) / step
     told = tilting(jnp.asarray(2.0), jnp.asarray(turning), jnp.asarray([GRAVITY * left, 0.0]))
     mean, std = np.asarray(told) / GRAVITY
-    assert mean + np.sign(exact) * std == pytest.approx(exact, abs=1e-6)
-    assert mean - np.sign(exact) * std == pytest.approx(0.0, abs=1e-9)
+    is_offset = 0.02**4 / (left**4 + 0.02**4)
+    assert mean + np.sign(exact) * std == pytest.approx((1 - is_offset / 2) * exact, abs=1e-6)
+    assert mean - np.sign(exact) * std == pytest.approx(-is_offset / 2 * exact, abs=1e-6)
+
+
+def test_an_offset_of_the_accelerometer_is_no_tilt() -> None:
+    """Town streets are level: what seems to lean there by 1 % moves their slope by a 34th of a plane's,
+    and errs by as much as if it were one."""
+    turns, left = 0.5, GRAVITY * 0.01
+    mean, std = np.asarray(tilting(jnp.asarray(2.0), jnp.asarray(turns), jnp.asarray([left, left])))
+    assert mean == pytest.approx(0.03 * turns * left, rel=0.02)
+    assert std == pytest.approx(0.5 * turns * np.hypot(left, left))
 
 
 def test_on_the_road_slopes_go_along() -> None:

@@ -17,6 +17,7 @@ from roadstate.core.kernel import once
 from roadstate.estimators.along import BIAS, SCALE, SLOPE, AlongModel
 from roadstate.estimators.along_input import AlongIntake
 from roadstate.estimators.axle_forces import AxleForces
+from roadstate.estimators.banked import pressed
 from roadstate.estimators.base import Estimate, Estimator, Need, Sample, Smoothable, known_only, leaf
 from roadstate.estimators.contact_forces import ForceMeter, ForceMeterState
 from roadstate.estimators.direction import Direction, DirectionState
@@ -43,7 +44,7 @@ from roadstate.estimators.plausibility import TORQUE, Plausibility, Plausibility
 from roadstate.estimators.radii import Radii, RadiiState
 from roadstate.estimators.roll import RollMeter, RollState
 from roadstate.estimators.shortfall import Shortfall
-from roadstate.estimators.sideways import BANK, LEVER, pressed
+from roadstate.estimators.sideways import BANK, LEVER
 from roadstate.estimators.signals import NEVER
 from roadstate.estimators.tire_contact import ContactState, TireContact
 from roadstate.estimators.undulation import Undulation

@@ -16,7 +16,6 @@ from roadstate.core.kernel import once
 from roadstate.estimators.base import leaf
 from roadstate.estimators.mixture import learn
 from roadstate.estimators.road import GradePrior
-from roadstate.linalg import rss
 
 if TYPE_CHECKING:
     from roadstate.vehicles import Vehicle
@@ -57,9 +56,6 @@ _TRAIL = 0.5
 # ch. 4.3: p_D2 over p_D1)
 _BY_LOAD = 0.1
 _LEAST_GIVE = 0.03  # 1σ of what the front suspension gives, over the axle's softness, at the least
-_PRESSED = 0.5  # share of its weight by which no bank presses a car more
-_STEEPEST = 0.5  # sin² of how far a road may lean
-_ROLLS = 0.08  # sine of a bank that may as well be how far the body rolls otherwise than its file says
 _ACCEL = 0.01  # m/s²/√Hz: white error of what moves the car sideways, however good the accelerometer
 _BOTH_LAST = np.outer(_LASTS, _LASTS)
 _IS_V_Y = np.arange(SIZE) == V_Y
@@ -248,32 +244,6 @@ class Sideways(eqx.Module):
 def twisting(touch: Touch, friction: Float[Array, " J"]) -> Float[Array, " J"]:
     """How much of what steering gives is left as the front tires use more of each friction."""
     return 1 - _TRAIL * jnp.minimum(jnp.abs(touch.across[0]) / friction, 1.0)
-
-
-def pressed(
-    speed: Float[Array, ""], turning: Float[Array, ""], slope: Float[Array, " 2"], bank: Float[Array, " 2"]
-) -> Float[Array, " 2"]:
-    """By what share tires bear more on a road that leans than on a level one, and 1σ of it.
-
-    Less of its weight presses a car against such a road, and what turns it, v r, presses it against one that
-    leans towards the middle of the bend: N = m (g √(1 − sin² θ − sin² φ) − v r sin φ), with the slope θ, and
-    φ to the left. In a bend the body rolls as well, and what it does so otherwise than foreseen passes for a
-    bank: one of so much counts half, the rest of it as an error.
-
-    Args:
-        speed: m/s.
-        turning: yaw rate, rad/s.
-        slope: g times the sine of θ, and its 1σ, m/s².
-        bank: g times the sine of φ, and its 1σ, m/s².
-    """
-    lever = speed * turning / GRAVITY
-    leans = jnp.stack([slope, bank], axis=1) / GRAVITY
-    upright = jnp.sqrt(1 - jnp.minimum(jnp.sum(leans[0] ** 2), _STEEPEST))
-    sine = leans[0, 1]
-    banks = sine**3 / (sine**2 + _ROLLS**2)
-    share = jnp.clip(-lever * banks, -_PRESSED, _PRESSED) + upright - 1
-    each = (leans[0] / upright + jnp.stack([jnp.zeros_like(lever), lever])) * leans[1]
-    return jnp.stack([share, rss(each[0], each[1], lever * (sine - banks))])
 
 
 def peaks(touch: Touch) -> Float[Array, " 4"]:

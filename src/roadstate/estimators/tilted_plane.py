@@ -5,10 +5,13 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from roadstate.core.constants import GRAVITY
+from roadstate.estimators.banked import believed
 from roadstate.linalg import root, rss
 
 _PLANE = 0.5  # what is known of whether slow turns are on a plane, where that is 1 and a road's bend is 0
 _ROADS = (4.0, 6.0)  # m/s: up to there a turn may be on either, from there on it is on a road
+_OFFSET = 0.02  # sine of a slope to the left that may as well be an offset of the lateral accelerometer
 _TURN_TIME = 2.0  # s for which a turn on the spot lasts
 
 
@@ -19,7 +22,8 @@ def tilting(
 
     A road's slope goes along with its bends. On a plane of gradient p on which a car heads by ψ off the way
     up, its slopes ahead and to the left are p cos ψ and −p sin ψ: the one to the left comes ahead at the yaw
-    rate. Of which kind the ground is shows in how slowly the car goes, and no better.
+    rate. Of which kind the ground is shows in how slowly the car goes, and no better. Where little leans, that
+    is mostly an offset of the accelerometer, which does not come ahead; but the slope may err by as much.
 
     Args:
         speed: m/s.
@@ -28,7 +32,8 @@ def tilting(
     """
     plane = _PLANE * jnp.clip((_ROADS[1] - jnp.abs(speed)) / (_ROADS[1] - _ROADS[0]), 0.0, 1.0)
     mean, std = bank
-    return plane * jnp.stack([turning * mean, jnp.abs(turning) * rss(mean, std)])
+    likely = believed(mean / GRAVITY, _OFFSET) * mean
+    return plane * jnp.stack([turning * likely, jnp.abs(turning) * rss(mean, std)])
 
 
 def wander(tilt: Float[Array, " 2"], dt: Float[Array, ""]) -> Float[Array, ""]:
