@@ -22,8 +22,8 @@ def tilting(
 
     A road's slope goes along with its bends. On a plane of gradient p on which a car heads by ψ off the way
     up, its slopes ahead and to the left are p cos ψ and −p sin ψ: the one to the left comes ahead at the yaw
-    rate. Of which kind the ground is shows in how slowly the car goes, and no better. Where little leans, that
-    is mostly an offset of the accelerometer, which does not come ahead; but the slope may err by as much.
+    rate. Of which kind the ground is shows in how slowly the car goes, and no better. What leans
+    little is mostly an offset of the accelerometer, which does not come ahead; the slope may err by as much.
 
     Args:
         speed: m/s.
