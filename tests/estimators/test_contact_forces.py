@@ -353,11 +353,12 @@ def test_a_car_that_brakes_hold_keeps_what_its_tires_stopped_with(vehicle: Vehic
     assert let_go == pytest.approx(vehicle.mass * 1.0, rel=0.05)  # what is left to hold it is the drive
 
 
-@pytest.mark.parametrize(("shaken", "left"), [((0.5, 0.5), 0.2), ((0.0, 0.5), 1.0)])
+@pytest.mark.parametrize(("shaken", "left"), [((0.5, 0.5), 0.2), ((0.0, 0.5), 0.87)])
 def test_what_a_rough_road_shakes_is_no_lateral_force(
     vehicle: Vehicle, shaken: tuple[float, float], left: float
 ) -> None:
-    """.4 m/s² at 5 Hz, on 2 m/s² that last; where only the body's side is shaken, somebody steers swiftly."""
+    """.4 m/s² at 5 Hz, on 2 m/s² that last; where only the body's side is shaken, somebody steers
+    swiftly, of which sensors' noise takes an eighth."""
     meter, zero, state, told = ForceMeter(vehicle, []), jnp.zeros(8), None, []
     for k in range(200):
         accel = 2.0 + 0.4 * np.sin(2 * np.pi * 5.0 * k * STEP)
@@ -372,7 +373,7 @@ def test_what_a_rough_road_shakes_is_no_lateral_force(
         told.append(float(jnp.sum(forces.now.across)) / vehicle.mass)
     last = np.array(told[100:])
     assert last.mean() == pytest.approx(2.0, rel=0.03)
-    assert last.std() / (0.4 / 2**0.5) == pytest.approx(left, abs=0.1)
+    assert last.std() / (0.4 / 2**0.5) == pytest.approx(left, abs=0.05)
 
 
 @pytest.mark.parametrize("speed", [SPEED, -SPEED])

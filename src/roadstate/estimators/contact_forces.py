@@ -41,9 +41,9 @@ _APART = 1.0  # m/s² by which an accelerometer that is not shaken differs from 
 NOISY = 0.012
 """Share of an axle's load by which sensors' noise makes its force lead a low pass."""
 _STIRRED = 0.15  # s for which what stirs up wheels and brakes goes on
-# an axle's F_y over its load up to which it is low-passed, as a share of what a rough road shakes the car by
-# both ways, and at the least; and s over which
-_BOUNCES, _STEADY, _BOUNCE_TIME = 10.0, 1e-3, 0.2
+# an axle's F_y over its load up to which it is low-passed beyond sensors' noise, as a share of what a rough
+# road shakes the car by both ways; and s over which
+_BOUNCES, _BOUNCE_TIME = 10.0, 0.2
 _ROUGH_TIME = 5.0  # s for which a road shakes a car that is not swiftly steered and braked instead
 _LOCKED = 3.0  # s for which it is remembered that brakes locked wheels
 _HEARD = 0.1  # share of the drive that wheels get, at the least, whose speeds tell the engine's
@@ -340,8 +340,7 @@ class ForceMeter(eqx.Module):
         """The axles' F_x by accelerometer and torques, by torques, and F_y, N: low-passed, and current ones
         without noise."""
         current = jnp.stack([by_axle(fast.along), by_axle(fast.told), fast.across])
-        bounces = _STEADY + _BOUNCES * rough / GRAVITY
-        noise = jnp.stack([jnp.full_like(bounces, NOISY), jnp.full_like(bounces, NOISY), bounces])
+        noise = NOISY + jnp.stack([jnp.zeros(()), jnp.zeros(()), _BOUNCES * rough / GRAVITY])
         share = jnp.stack([share, share, -jnp.expm1(-dt / _BOUNCE_TIME)])
         calm = before + share[:, None] * (current - before)
         return calm, calm + damped(current - calm, noise[:, None] * axles)
