@@ -22,8 +22,8 @@ def believed(sine: Float[Array, ""], else_is: float) -> Float[Array, ""]:
         sine: of the bank.
         else_is: that of one which is as likely something else as the road.
     """
-    square = (sine / else_is) ** 4
-    return square / (1 + square)
+    odds = (sine / else_is) ** 4
+    return odds / (1 + odds)
 
 
 def pressed(

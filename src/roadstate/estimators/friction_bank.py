@@ -16,7 +16,7 @@ from roadstate.core.kernel import once
 from roadstate.core.numerics import in_default, in_single
 from roadstate.estimators import road_changes, slip_jump
 from roadstate.estimators.astray import are_possible
-from roadstate.estimators.base import SILENT_STEP, leaf
+from roadstate.estimators.base import SILENT_STEP
 from roadstate.estimators.friction_curve import Grip, bounded, chord, elastic, theoretical_slip
 from roadstate.estimators.friction_wheels import Aside, Wheels
 from roadstate.estimators.mixture import follow, inherit, learn, likeliest, moments, weigh
@@ -162,14 +162,12 @@ class FrictionBank(eqx.Module):
     Attributes:
         friction: (J,) the hypotheses.
         prior: (J,) probability of each.
-        dry: friction of the vehicle file.
         motion: of what friction hides in, sideways.
         wheels: and along the road.
     """
 
     friction: Float[Array, " J"]
     prior: Float[Array, " J"]
-    dry: Float[Array, ""]
     motion: Sideways
     wheels: Wheels
 
@@ -182,7 +180,6 @@ class FrictionBank(eqx.Module):
         other = 1 / (1 + (grid / tires.friction) ** 8)
         prior = (1 - _ELSEWHERE) * dry / dry.sum() + _ELSEWHERE * other / other.sum()
         self.friction, self.prior = in_single((jnp.asarray(grid), jnp.asarray(prior)))
-        self.dry = leaf(tires.friction)
         self.motion, self.wheels = in_single((Sideways(vehicle, available), Wheels(vehicle)))
 
     def init(self) -> BankState:

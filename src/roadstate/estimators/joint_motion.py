@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 _LEAST_STEP = 1e-3  # s
 _LATE_TIME = 0.5  # s: how long an error of a late signal lasts
 _LAGS = 0.1  # s by which the accelerometer may be late when the gyroscope is no longer judged by it
+_DRY = 0.9  # friction of a road on which what wheels slip in a bend is what the gyroscope's judge allows for
 _TURNS_HARD = 2.0  # m/s² across at which v_y r, without a yaw rate, may be a slope's part
 
 
@@ -119,7 +120,7 @@ def move(
         unknown = (seen.age[YAW_RATE] >= STALE) & (jnp.abs(u.smooth_across) > _TURNS_HARD)
         excused = late | unknown | reading.slides | ~joint.radii.is_known(radii)
         # where there is less friction, less makes wheels slip
-        hard = u.smooth_across * jnp.maximum(joint.bank.dry / state.friction[1, 0], 1.0)
+        hard = u.smooth_across * jnp.maximum(_DRY / state.friction[1, 0], 1.0)
         moves = along.gaussian.mean[SPEED], hard, excused
         pitch = joint.pitch.judge(pitch, *seems, pull, *moves, dt)
     tells = jnp.any(jnp.isfinite(z) & speeds)
