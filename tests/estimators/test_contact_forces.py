@@ -225,30 +225,6 @@ def test_what_turns_up_an_engine_is_told_by_its_torque(vehicle: Vehicle, load: f
         assert float(forces.turned) == pytest.approx(rotating / vehicle.mass * gains, rel=1e-6)
 
 
-def test_noise_of_torques_is_no_force_and_a_jump_of_them_is_one_at_once(vehicle: Vehicle) -> None:
-    """White noise of 10 N·m at each driven wheel, that makes 46 N on the axle, and then 800 N·m more."""
-    meter = ForceMeter(vehicle, [f"drive_torque_{w}" for w in WHEELS])
-    torques = 100.0 + np.random.default_rng(0).normal(0.0, 10.0, (400, 2))
-    torques[300:] += 800.0
-    value = jnp.zeros(8).at[SPIN].set(SPEED / vehicle.wheels.radius)
-    zero = jnp.zeros(8)
-    signals = Signals(
-        value, zero, jnp.ones(8, bool), value, zero, zero, zero, value, zero, jnp.zeros(2), jnp.zeros(8, bool)
-    )
-
-    def step(state: ForceMeterState, pair: Array) -> tuple[ForceMeterState, Array]:
-        sample = {c: jnp.zeros(()) for c in meter.channels}
-        sample |= {"drive_torque_fl": pair[0], "drive_torque_fr": pair[1]}
-        speed, still = jnp.asarray(SPEED), jnp.zeros(())
-        state, forces = read(meter, state, sample, signals, speed, jnp.zeros(2), still, jnp.asarray(STEP))
-        return state, forces.now.told[0]
-
-    told = np.asarray(jax.lax.scan(step, meter.init(), jnp.asarray(torques))[1])
-    raw = torques.sum(axis=1) / vehicle.wheels.radius
-    assert np.std(told[50:300]) < 0.6 * np.std(raw[50:300])
-    np.testing.assert_allclose(np.diff(told)[299], np.diff(raw)[299], rtol=0.02)
-
-
 def test_what_stirs_up_an_axle_is_remembered_for_a_moment(vehicle: Vehicle) -> None:
     """A jolt of one sample leads the low pass by the force it is, and by 1/e of that .15 s later."""
     meter = ForceMeter(vehicle, [])

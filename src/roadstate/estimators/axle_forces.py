@@ -102,6 +102,11 @@ class AxleForces(NamedTuple):
         """F_x of the wheels over their loads, of which none counts for less than a tenth of their mean."""
         return self.along / jnp.maximum(self.load, 0.1 * jnp.mean(self.load))
 
+    @property
+    def loads_std(self) -> Float[Array, ""]:
+        """1σ of what all loads are off by together, for whatever reason, as a share."""
+        return rss(*self.load_std)
+
 
 def steered_cosines(cosine: Float[Array, ""]) -> Float[Array, " 4"]:
     """Cosines of the wheels' angles to the body, of which only the front ones steer."""

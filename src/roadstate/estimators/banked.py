@@ -13,16 +13,16 @@ _STEEPEST = 0.5  # sin² of how far a road may lean
 _ROLLS = 0.08  # sine of a bank that may as well be how far the body rolls otherwise than its file says
 
 
-def believed(sine: Float[Array, ""], else_is: float) -> Float[Array, ""]:
+def believed(bank: Float[Array, ""], else_is: Float[Array, ""] | float) -> Float[Array, ""]:
     """How far a bank that was found is the road's, from 0 to 1.
 
     Small ones are mostly something else, an accelerometer's offset or how the body rolls, steep ones hardly.
 
     Args:
-        sine: of the bank.
-        else_is: that of one which is as likely something else as the road.
+        bank: its sine, or g times that.
+        else_is: the same of one which is as likely something else as the road.
     """
-    odds = (sine / else_is) ** 4
+    odds = (bank / else_is) ** 4
     return odds / (1 + odds)
 
 

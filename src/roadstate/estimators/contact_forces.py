@@ -40,6 +40,7 @@ _LATELY = 1.0  # s
 _APART = 1.0  # m/s² by which an accelerometer that is not shaken differs from torques that lie
 NOISY = 0.012
 """Share of an axle's load by which sensors' noise makes its force lead a low pass."""
+_SWIFT = 15.4  # Hz: band in which the lateral accelerometer's noise is taken for F_y that leads a low pass
 _STIRRED = 0.15  # s for which what stirs up wheels and brakes goes on
 # an axle's F_y over its load up to which it is low-passed beyond sensors' noise, as a share of what a rough
 # road shakes the car by both ways; and s over which
@@ -116,6 +117,7 @@ class ForceMeter(eqx.Module):
     balance: ForceBalance
     _traction: TractionMeter | None
     _pitching: Float[Array, ""]
+    _noise: Float[Array, "3 1"]
 
     def __init__(self, vehicle: Vehicle, available: Collection[str]) -> None:
         try:
@@ -129,6 +131,8 @@ class ForceMeter(eqx.Module):
         self._tells_all = self.torque_of is not None and all(f"brake_torque_{w}" in available for w in WHEELS)
         self.balance = ForceBalance(vehicle)
         self._pitching = leaf(GRAVITY * vehicle.body.pitch_gradient)
+        across = vehicle.sensors.accel.noise_density * _SWIFT**0.5 / GRAVITY
+        self._noise = jnp.asarray([[NOISY], [NOISY], [across]])
 
     def init(self) -> ForceMeterState:
         """Nothing has come yet."""
@@ -340,10 +344,11 @@ class ForceMeter(eqx.Module):
         """The axles' F_x by accelerometer and torques, by torques, and F_y, N: low-passed, and current ones
         without noise."""
         current = jnp.stack([by_axle(fast.along), by_axle(fast.told), fast.across])
-        noise = NOISY + jnp.stack([jnp.zeros(()), jnp.zeros(()), _BOUNCES * rough / GRAVITY])
+        bounces = jnp.stack([jnp.zeros(()), jnp.zeros(()), _BOUNCES * rough / GRAVITY])
+        noise = self._noise + bounces[:, None]
         share = jnp.stack([share, share, -jnp.expm1(-dt / _BOUNCE_TIME)])
         calm = before + share[:, None] * (current - before)
-        return calm, calm + damped(current - calm, noise[:, None] * axles)
+        return calm, calm + damped(current - calm, noise * axles)
 
     def _freed(self, signals: Float[Array, " 8"], lean: Lean) -> Float[Array, " 2"]:
         """Specific forces alone: signals are freed of the pitch that would last, not of this one."""

@@ -103,7 +103,7 @@ def move(
     alike = root(joint.watch.alike(watch, joint.sensors))
     u = u._replace(sensor_std=rss(alike * u.sensor_std, lag * u.gaining * lasting))
     bank = jnp.stack([across[0][BANK], across[1][BANK]])
-    u = u._replace(tilting=tilting(u.speed, u.turning, bank))
+    u = u._replace(tilting=tilting(u.speed, u.turning, bank, joint.bank.motion.offset))
     pitch = state.pitch
     if "attitude" in joint.sensors:
         pitch, pitching = joint.pitch.read(pitch, sample, u.turning, u.smooth_across, bank / GRAVITY, dt)

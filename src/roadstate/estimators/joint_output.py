@@ -142,7 +142,7 @@ def told(joint: Joint, state: JointState, faults: Bool[Array, " f"]) -> Estimate
     shaken = jnp.asarray(_SHAKEN, axles.dtype) * forces.shaken / GRAVITY
     used, used_std = _used(forces, straight, across, leads, lasting, shaken)
     late = 0.1 * jnp.minimum(state.signals.age[ACCEL_X], 10.0)
-    tell("friction_used", used, rss(used_std, late, aside, rss(*forces.load_std) * used, ground))
+    tell("friction_used", used, rss(used_std, late, aside, forces.loads_std * used, ground))
     if joint.knows_sides:
         # tires tell how the axles move, but not where between them the middle is
         place = _CG_ERROR * joint.forces.balance.car.wheelbase

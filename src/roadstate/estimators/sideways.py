@@ -56,6 +56,7 @@ _TRAIL = 0.5
 # ch. 4.3: p_D2 over p_D1)
 _BY_LOAD = 0.1
 _LEAST_GIVE = 0.03  # 1σ of what the front suspension gives, over the axle's softness, at the least
+_LEAST_OFFSET = 0.005  # m/s², however good the accelerometer
 _ACCEL = 0.01  # m/s²/√Hz: white error of what moves the car sideways, however good the accelerometer
 _BOTH_LAST = np.outer(_LASTS, _LASTS)
 _IS_V_Y = np.arange(SIZE) == V_Y
@@ -125,6 +126,7 @@ class Sideways(eqx.Module):
         stiffness: (2,) C_α/F_z of the tires that goes with it.
         arm: (2,) of front and rear axle, ahead of the centre of gravity, m.
         road: how bank changes with distance.
+        offset: 1σ of the accelerometer's, m/s².
         white: error of what moves the car sideways, m/s²/√Hz.
         reads_roll: whether a roll rate may tell how the bank changes.
     """
@@ -135,6 +137,7 @@ class Sideways(eqx.Module):
     stiffness: Float[Array, " 2"]
     arm: Float[Array, " 2"]
     road: GradePrior
+    offset: Float[Array, ""]
     white: Float[Array, ""]
 
     def __init__(self, vehicle: Vehicle, available: Collection[str]) -> None:
@@ -159,6 +162,7 @@ class Sideways(eqx.Module):
         self.give = jnp.asarray(np.array([share * softer, _REAR_GIVE * soft[1]]))
         self.stiffness = 1 / (jnp.asarray(soft) - self.give)
         self.road = GradePrior(leaf(bank), leaf(BANK_LENGTH))
+        self.offset = leaf(max(bias, _LEAST_OFFSET))
         self.white = jnp.maximum(leaf(sensors.accel.noise_density), _ACCEL)
         geometry = vehicle.geometry
         self.arm = jnp.asarray([geometry.cg_to_front_axle, -geometry.cg_to_rear_axle])

@@ -130,7 +130,7 @@ class WheelSharing(eqx.Module):
         unseen = _twice(jnp.where(jnp.isfinite(forces.across_std), 0.0, _UNSEEN)) * calm
         load_std = rss(
             known.mass_std * load,
-            rss(*forces.load_std) * load,
+            forces.loads_std * load,
             _STANDING * jnp.mean(load),
             _SHIFTED * (load - calm),
             unseen,
