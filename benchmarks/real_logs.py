@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from roadstate.calibration.parameters import with_value
 from roadstate.core import Estimates, Log
 from roadstate.core.constants import GRAVITY
 from roadstate.core.numerics import use_compilation_cache
@@ -156,8 +157,7 @@ def levelled(log: Log, car: Vehicle, baseline: Array, names: tuple[str, ...]) ->
     error = (baseline - 100 * np.tan(log["ref_grade"]))[~second]
     level = GRAVITY * float(np.nanmean(error)) / 100
     even = log.with_channels({"accel_x": log["accel_x"] - level})
-    accel = car.sensors.accel.model_copy(update={"bias": LEVEL_STD})
-    told = car.model_copy(update={"sensors": car.sensors.model_copy(update={"accel": accel})})
+    told = with_value(car, ("sensors", "accel", "bias"), LEVEL_STD)
     rows = {"plain, 1 s, not causal": scores(baseline - 100 * level / GRAVITY, log, second)}
     rows |= {f"{name}, causal": ours(name, even, told, second)[0] for name in names}
     return table(f"comma2k19, level ({level:.3f} m/s²) set on the first half; the second half", rows)

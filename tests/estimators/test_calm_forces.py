@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from jaxtyping import Array
 
+from roadstate.calibration.parameters import with_value
 from roadstate.core import WHEELS
 from roadstate.estimators.axle_forces import AxleForces
 from roadstate.estimators.contact_forces import ForceMeter, ForceMeterState
@@ -53,15 +54,13 @@ def test_noise_of_a_lateral_accelerometer_is_no_force_and_a_swerve_is_one_at_onc
 ) -> None:
     """White noise of 3.3 Hz½ times the density that the vehicle file has, and then a swerve of twenty
     times as much. A file with a third of the density keeps more of it."""
-    accel = vehicle.sensors.accel
-    std = 3.3 * noisier * accel.noise_density
+    density = vehicle.sensors.accel.noise_density
+    std = 3.3 * noisier * density
     across = np.random.default_rng(1).normal(0.0, std, 400)
     across[300:] += 20 * std
     kept = {}
     for stated in (noisier, noisier / 3):
-        quiet = accel.model_copy(update={"noise_density": stated * accel.noise_density})
-        sensors = vehicle.sensors.model_copy(update={"accel": quiet})
-        car = vehicle.model_copy(update={"sensors": sensors})
+        car = with_value(vehicle, ("sensors", "accel", "noise_density"), stated * density)
         pushes = np.asarray(forces_of(car, across, np.zeros((400, 2))).now.across).sum(axis=1)
         kept[stated] = np.std(pushes[50:300]) / (vehicle.mass * std)
         assert np.diff(pushes)[299] == pytest.approx(vehicle.mass * np.diff(across)[299], rel=0.02)

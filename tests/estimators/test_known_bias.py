@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from roadstate.calibration.parameters import with_value
 from roadstate.core import Log
 from roadstate.estimators import build
 from roadstate.run import scan
@@ -23,10 +24,7 @@ def test_a_bias_that_the_file_allows_is_no_lie(
     log = drive(speed, np.zeros(len(time)), accel_bias=-1.5)
     channels = sorted(log.available)
     noise = {"accel_x": 0.08, **{c: 0.03 for c in channels if c.startswith("wheel_speed")}}
-    accel = vehicle.sensors.accel.model_copy(update={"bias": stated})
-    sensors = vehicle.sensors.model_copy(update={"accel": accel})
-    car = vehicle.model_copy(update={"sensors": sensors})
-    estimator = build("joint", car, channels)
+    estimator = build("joint", with_value(vehicle, ("sensors", "accel", "bias"), stated), channels)
     for seed in range(4):
         rng = np.random.default_rng(seed)
         noisy = {c: log[c] + rng.normal(0, noise.get(c, 1.0), len(time)) for c in channels}

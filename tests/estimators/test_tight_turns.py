@@ -8,6 +8,7 @@ import pytest
 from benchmarks.by_bus import Runs, driven
 from benchmarks.tight_turns import DRIVES, FRICTION
 
+from roadstate.calibration.parameters import with_value
 from roadstate.core import reference
 from roadstate.core.constants import GRAVITY
 from roadstate.estimators import build
@@ -94,8 +95,7 @@ def test_an_accelerometer_on_the_windscreen_is_one_in_the_middle(around: Runs, v
         "accel_x": log["accel_x"] - ahead * turning**2,
         "accel_y": log["accel_y"] + ahead * np.gradient(turning, step),
     }
-    accel = vehicle.sensors.accel.model_copy(update={"ahead": ahead})
-    told = vehicle.model_copy(update={"sensors": vehicle.sensors.model_copy(update={"accel": accel})})
+    told = with_value(vehicle, ("sensors", "accel", "ahead"), ahead)
     runs = batch(
         [build("joint", car, log.available) for car in (vehicle, told)], [log, log.with_channels(pulled)]
     )

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from tests.estimators.along_case import given
 
+from roadstate.calibration.parameters import with_value
 from roadstate.core.constants import GRAVITY
 from roadstate.estimators.along import SLOPE, SLOPE_RATE, AlongModel
 from roadstate.estimators.sideways import Sideways
@@ -44,9 +45,7 @@ def test_of_an_accelerometer_without_offset_every_tilt_is_believed(vehicle: Vehi
     turns, left = 0.5, GRAVITY * 0.03
     told = {}
     for bias in (0.0, 1.0):
-        accel = vehicle.sensors.accel.model_copy(update={"bias": bias})
-        sensors = vehicle.sensors.model_copy(update={"accel": accel})
-        offset = Sideways(vehicle.model_copy(update={"sensors": sensors}), ()).offset
+        offset = Sideways(with_value(vehicle, ("sensors", "accel", "bias"), bias), ()).offset
         bank = jnp.asarray([left, 0.0])
         told[bias] = float(tilting(jnp.asarray(2.0), jnp.asarray(turns), bank, offset)[0])
     assert told[0.0] == pytest.approx(0.5 * turns * left, rel=1e-3)
